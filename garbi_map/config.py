@@ -1,0 +1,55 @@
+"""The one configuration object: a section for each room, YAML in and out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import yaml
+from pydantic import ValidationError
+
+from garbi_map.errors import GarbiError
+from garbi_map.export.settings import ExportSettings
+from garbi_map.log.settings import LogSettings
+from garbi_map.navigate.settings import NavigateSettings
+from garbi_map.register.settings import RegisterSettings
+from garbi_map.seabed.settings import SeabedSettings
+from garbi_map.settings import Settings
+from garbi_map.stripe.settings import StripeSettings
+from garbi_map.sweep.settings import SweepSettings
+from garbi_map.view.settings import ViewSettings
+
+
+class Config(Settings):
+    """Everything a user can set, with its default; the resolved one is written beside every result."""
+
+    log: LogSettings = LogSettings()
+    stripe: StripeSettings = StripeSettings()
+    sweep: SweepSettings = SweepSettings()
+    navigate: NavigateSettings = NavigateSettings()
+    register: RegisterSettings = RegisterSettings()
+    seabed: SeabedSettings = SeabedSettings()
+    export: ExportSettings = ExportSettings()
+    view: ViewSettings = ViewSettings()
+
+    def to_yaml(self) -> str:
+        """The whole configuration, defaults included."""
+        return yaml.safe_dump(self.model_dump(mode="json"), sort_keys=False)
+
+
+def load_config(path: Path | None) -> Config:
+    """The configuration of a YAML file, or the defaults where there is none.
+
+    Raises GarbiError that names the file, the key and what is wrong with it.
+    """
+    if path is None:
+        return Config()
+    try:
+        return Config.model_validate(yaml.safe_load(path.read_text()) or {})
+    except OSError as error:
+        raise GarbiError(f"{path}: cannot be read: {error.strerror}") from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise GarbiError(f"{path}: not YAML: {' '.join(str(error).split())}") from error
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"])
+        raise GarbiError(f"{path}: {key or 'top level'}: {first['msg']}") from error
