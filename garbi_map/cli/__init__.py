@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
+import importlib
+import pkgutil
 import sys
 
-import typer
-
+from garbi_map.cli.app import app
 from garbi_map.errors import GarbiError
-
-app = typer.Typer(
-    name="garbi",
-    help="Seabed maps and vehicle behaviours from a camera and a swept laser sheet.",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-)
 
 
 def main() -> None:
     """Run the command line; a GarbiError becomes one line on stderr and exit status 1."""
+    for module in sorted(pkgutil.iter_modules(__path__), key=lambda found: found.name):
+        importlib.import_module(f"{__name__}.{module.name}")
     try:
         app()
     except GarbiError as error:
