@@ -26,7 +26,7 @@ class Config(Settings):
     stripe: StripeSettings = StripeSettings()
     sweep: SweepSettings = SweepSettings()
     navigate: NavigateSettings = NavigateSettings()
-    register: RegisterSettings = RegisterSettings()
+    registration: RegisterSettings = RegisterSettings()
     seabed: SeabedSettings = SeabedSettings()
     export: ExportSettings = ExportSettings()
     view: ViewSettings = ViewSettings()
