@@ -20,7 +20,7 @@ from garbi_map.register.factors import Calm, Factor
 from garbi_map.register.motion import Motion
 from garbi_map.register.normal_equations import NormalEquations
 from garbi_map.register.settings import DriftSettings
-from garbi_map.register.surfels import Surfels, extract_surfels, match_surfels
+from garbi_map.register.surfels import Surfels, extract_surfels, join, match_surfels
 
 Floats = NDArray[np.float64]
 
@@ -79,11 +79,13 @@ def estimate_drift(
     settings: DriftSettings,
     near_only: bool = False,
     far_only: bool = False,
+    elsewhere: Surfels | None = None,
     progress: Callable[[Round], None] = lambda _: None,
 ) -> tuple[list[Round], NormalEquations]:
     """Moves `motion` until the sweeps agree; returns what each round found and the last round's problem.
 
-    near_only stops before matches far apart in time, far_only begins with them.
+    near_only stops before matches far apart in time, far_only begins with them. elsewhere: surfels of settled sweeps that
+    are not among the scans.
     """
     count = len(_REACH)
     chosen = range(_NEAR) if near_only else range(_NEAR if far_only else 0, count)
@@ -100,7 +102,7 @@ def estimate_drift(
         if k < _RESTRAINED:
             restraint.add(problem, motion)
         surfels = scans.surfels(motion, sizes[k], settings.surfel_points)
-        matches, distance = add_matches(problem, motion, surfels, gates[k], _REACH[k], sigmas[k])
+        matches, distance = add_matches(problem, motion, surfels, gates[k], _REACH[k], sigmas[k], elsewhere)
         step = problem.solve()
         motion.step(step)
         for factor in factors:
@@ -111,10 +113,24 @@ def estimate_drift(
 
 
 def add_matches(
-    problem: NormalEquations, motion: Motion, surfels: Surfels, gate: float, reach: float, sigma: float
+    problem: NormalEquations,
+    motion: Motion,
+    surfels: Surfels,
+    gate: float,
+    reach: float,
+    sigma: float,
+    settled: Surfels | None = None,
 ) -> tuple[int, float]:
-    """Adds n . (m_i - m_j) = 0 for matched surfels, both poses unknown; returns their number and median distance, m."""
+    """Adds n . (m_i - m_j) = 0 for matched surfels; returns their number and median distance, m.
+
+    Both poses are unknown, but for a settled surfel's, which stays where it is.
+    """
+    moving = len(surfels.mean)
+    if settled is not None:
+        surfels = join(surfels, settled)
     first, second = match_surfels(surfels, gate, reach)
+    useful = (first < moving) | (second < moving)
+    first, second = first[useful], second[useful]
     if len(first) == 0:
         return 0, 0.0
     normal = surfels.normal[first] + surfels.normal[second]
@@ -124,9 +140,10 @@ def add_matches(
     lateral = np.sqrt(np.maximum(np.einsum("nk,nk->n", between, between) - residual**2, 0.0))
     runs = []
     for index, sign in ((first, 1.0), (second, -1.0)):
-        t = surfels.time[index]
+        t = np.clip(surfels.time[index], motion.begin, motion.end)
+        axes = np.where((index < moving)[:, None], sign * normal, 0.0)
         arm = surfels.mean[index] - motion.position(t)
-        runs.append(motion.position_run(t, sign * normal))
-        runs.append(motion.attitude_run(t, sign * np.cross(arm, normal)))
+        runs.append(motion.position_run(t, axes))
+        runs.append(motion.attitude_run(t, np.cross(arm, axes)))
     problem.add(residual, np.hypot(sigma, _LATERAL * lateral), runs, cauchy=2.0)
     return len(first), float(np.median(np.abs(residual)))

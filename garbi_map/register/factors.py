@@ -217,3 +217,22 @@ class Gauge:
 
     def reestimate(self, motion: Motion) -> None:
         """Nothing to learn."""
+
+
+class Anchor:
+    """Where an earlier window has already put the vehicle: time (n,), position (n, 3) m, correction theta (n, 3) rad."""
+
+    def __init__(self, time: Floats, position: Floats, correction: Floats, sigma: float, angle_sigma: float) -> None:
+        self.time, self.measured, self.correction = time, position, correction
+        self.sigma, self.angle_sigma = sigma, angle_sigma
+
+    def add(self, problem: NormalEquations, motion: Motion) -> None:
+        off = motion.position(self.time) - self.measured
+        turned = motion.correction(self.time) - self.correction
+        for axis in range(3):
+            unit = np.broadcast_to(_AXES[axis], off.shape)
+            problem.add(off[:, axis], self.sigma, [motion.position_run(self.time, unit)])
+            problem.add(turned[:, axis], self.angle_sigma, [motion.attitude_run(self.time, unit)])
+
+    def reestimate(self, motion: Motion) -> None:
+        """Keeps its sigma: the earlier window is settled."""

@@ -115,7 +115,7 @@ def close_loops(surfels: Surfels, corrections: list[Floats], settings: FrontEndS
 
     Verified: the surfels of the two must agree afterwards to a few millimetres and in most places.
     """
-    moved = _corrected(surfels, corrections)
+    moved = surfels.moved(np.array(corrections))
     loops = []
     for (first, second), rows in _overlaps(moved, settings).items():
         if second - first < 2 or len(rows[0]) < settings.loop_matches:
@@ -130,17 +130,6 @@ def close_loops(surfels: Surfels, corrections: list[Floats], settings: FrontEndS
         relative = np.linalg.inv(corrections[first]) @ found @ corrections[second]
         loops.append(Constraint(first, second, relative, information, centre, uncertain=True))
     return loops
-
-
-def _corrected(surfels: Surfels, corrections: list[Floats]) -> Surfels:
-    stack = np.array(corrections)[surfels.sweep]
-    return Surfels(
-        np.einsum("nij,nj->ni", stack[:, :3, :3], surfels.mean) + stack[:, :3, 3],
-        np.einsum("nij,nj->ni", stack[:, :3, :3], surfels.normal),
-        surfels.time,
-        surfels.sweep,
-        surfels.thickness,
-    )
 
 
 def _overlaps(surfels: Surfels, settings: FrontEndSettings) -> dict[tuple[int, int], tuple[Floats, Floats]]:

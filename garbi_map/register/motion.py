@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array, eye_array
+from scipy.sparse.linalg import spsolve
 from scipy.spatial.transform import Rotation, Slerp
 
 from garbi_map.register.normal_equations import RUN, Run, spline_run
@@ -101,3 +103,20 @@ class Motion:
         self.position_control += x[: self.attitude_offset].reshape(-1, 3)
         self.attitude_control += x[self.attitude_offset : self.constants_offset].reshape(-1, 3)
         self.constants += x[self.constants_offset :]
+
+    def fit(self, t: Floats, position: Floats, rotation: Rotation) -> None:
+        """Takes on the motion given by position (n, 3) and rotation at t (n,), as far as the splines can follow.
+
+        A ridge of one part in a million holds control points that no time touches.
+        """
+        theta = (rotation * self.prior.at(t).inv()).as_rotvec()
+        for spline, control, value in (
+            (self.position_spline, self.position_control, position),
+            (self.attitude_spline, self.attitude_control, theta),
+        ):
+            first, weights = spline.basis(t)
+            rows = np.repeat(np.arange(len(t)), 4)
+            columns = (first[:, None] + np.arange(4)).ravel()
+            basis = csr_array((weights.ravel(), (rows, columns)), shape=(len(t), spline.size))
+            normal = (basis.T @ basis + 1e-6 * eye_array(spline.size)).tocsc()
+            control += spsolve(normal, basis.T @ (value - basis @ control)).reshape(control.shape)

@@ -32,6 +32,31 @@ class Surfels:
     sweep: Ints
     thickness: Floats
 
+    def select(self, keep: NDArray[np.bool_]) -> Surfels:
+        """Those for which keep (n,) is true."""
+        return Surfels(self.mean[keep], self.normal[keep], self.time[keep], self.sweep[keep], self.thickness[keep])
+
+    def without(self, sweeps: Ints) -> Surfels:
+        """Those of other sweeps."""
+        return self.select(~np.isin(self.sweep, sweeps))
+
+    def moved(self, transforms: Floats) -> Surfels:
+        """Each moved by the transform (k, 4, 4) of its sweep."""
+        own = transforms[self.sweep]
+        mean = np.einsum("nij,nj->ni", own[:, :3, :3], self.mean) + own[:, :3, 3]
+        return Surfels(mean, np.einsum("nij,nj->ni", own[:, :3, :3], self.normal), self.time, self.sweep, self.thickness)
+
+
+def join(first: Surfels, second: Surfels) -> Surfels:
+    """All of both."""
+    return Surfels(
+        np.concatenate([first.mean, second.mean]),
+        np.concatenate([first.normal, second.normal]),
+        np.concatenate([first.time, second.time]),
+        np.concatenate([first.sweep, second.sweep]),
+        np.concatenate([first.thickness, second.thickness]),
+    )
+
 
 def extract_surfels(
     points: Floats, sigma: Floats, time: Floats, sweep: Ints, viewpoint: Floats, size: float, fewest: int
