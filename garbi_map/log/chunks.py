@@ -50,7 +50,7 @@ class RawMessage(NamedTuple):
 
 
 class ChunkHead(NamedTuple):
-    """begin, end: log times of the first and last message, ns; data_start: offset of the data in the chunk's content."""
+    """begin, end: log times of the first and last message, ns; data_start: where the data begin in the content."""
 
     begin: int
     end: int

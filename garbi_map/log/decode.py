@@ -35,7 +35,7 @@ def stamp_of(data: memoryview) -> int:
 def _header(data: memoryview) -> tuple[int, int, int]:
     if data[0] != 0 or data[1] > 1:
         raise ValueError("unsupported encapsulation")
-    return _HEADER[data[1]].unpack_from(data, 4)  # type: ignore[return-value]
+    return _HEADER[data[1]].unpack_from(data, 4)
 
 
 def _doubles(count: int, pick: Callable[[tuple[float, ...]], Sequence[float]]) -> Decoder:

@@ -62,9 +62,9 @@ def _earth_centred(latitude: Floats, longitude: Floats, height: Floats) -> Float
 def east_north_up(geodetic: Floats, origin: tuple[float, float, float]) -> Floats:
     """Local tangent-plane coordinates (n, 3) m of WGS84 positions (n, 3) lat deg, lon deg, height m about `origin`."""
     latitude, longitude = np.radians(origin[0]), np.radians(origin[1])
-    offset = _earth_centred(np.radians(geodetic[:, 0]), np.radians(geodetic[:, 1]), geodetic[:, 2]) - _earth_centred(
-        latitude, longitude, np.float64(origin[2])
-    )
+    both = np.vstack([[origin], geodetic])
+    earth = _earth_centred(np.radians(both[:, 0]), np.radians(both[:, 1]), both[:, 2])
+    offset = earth[1:] - earth[0]
     sin_lat, cos_lat, sin_lon, cos_lon = np.sin(latitude), np.cos(latitude), np.sin(longitude), np.cos(longitude)
     return (
         offset

@@ -122,7 +122,7 @@ def _usable(role: str, values: Floats) -> NDArray[np.bool_]:
     finite = np.isfinite(values)
     if role in _MAY_BE_NAN:
         finite[:, _MAY_BE_NAN[role]] = True
-    usable = finite.all(axis=1)
+    usable: NDArray[np.bool_] = np.all(finite, axis=1, keepdims=False)
     if role == "odometry":
         usable &= np.linalg.norm(values[:, 3:7], axis=1) > 0.5
     return usable

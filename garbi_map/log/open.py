@@ -78,7 +78,3 @@ def read_index(path: Path) -> Index:
         lost = f" that can be read ({index.losses[-1]})" if index.losses else ""
         raise GarbiError(f"{path}: the log holds no message{lost}")
     return index
-
-
-def _reason(error: BaseException) -> str:
-    return str(error) if isinstance(error, Damaged) else "unreadable"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Iterator
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 from mcap.records import Schema
@@ -22,7 +22,8 @@ from garbi_map.log.types import log_types
 REORDERED = 8  # images that wait for one with an earlier stamp
 
 
-class Topic(NamedTuple):
+@dataclass(frozen=True)
+class Topic:
     """type: ROS 2 message type; count: messages."""
 
     type: str
@@ -138,13 +139,13 @@ class Log:
     def messages(
         self, topics: set[str], begin_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[tuple[str, RawMessage]]:
-        """(topic, message) of some topics in the order of recording, checksums validated; damaged pieces go into `losses`.
+        """(topic, message) of some topics in the order of recording, checksums validated; damage goes into `losses`.
 
         begin_ns, end_ns (header stamps) save reading: what is clearly outside is left out, the caller selects.
         """
-        margin = int(self.settings.clock_tolerance * 1e9) + self._clock_offset
-        first = None if begin_ns is None else begin_ns - margin
-        last = None if end_ns is None else end_ns + margin - 2 * self._clock_offset
+        margin = int(self.settings.clock_tolerance * 1e9)
+        first = None if begin_ns is None else begin_ns - self._clock_offset - margin
+        last = None if end_ns is None else end_ns - self._clock_offset + margin
         for index in self._indexes:
             wanted = {number for number, channel in index.channels.items() if channel.topic in topics}
             pieces = [
@@ -168,10 +169,8 @@ class Log:
 
     def _lose_piece(self, index: Index, piece: Piece, why: str) -> None:
         start = self._indexes[0].begin
-        self.lose(
-            f"{index.path.name}: {(piece.begin - start) * 1e-9:.2f} s to {(piece.end - start) * 1e-9:.2f} s lost ({why}): "
-            f"{index.topics_of(piece)}"
-        )
+        begin, end = (piece.begin - start) * 1e-9, (piece.end - start) * 1e-9
+        self.lose(f"{index.path.name}: {begin:.2f} s to {end:.2f} s lost ({why}): {index.topics_of(piece)}")
 
     def schemas(self) -> list[Schema]:
         """The message definitions of all files."""

@@ -24,8 +24,12 @@ class LogSettings(Settings):
     """How a log is read."""
 
     topics: Topics = Topics()
-    base_frame: str = Field("base_link", description="the frame that mounts and odometry are of")
+    base_frame: str = Field(default="base_link", description="the frame that mounts and odometry are of")
     clock_tolerance: float = Field(
-        10.0, gt=0, description="s; a stamp farther than this from its arrival, usual clock offset removed, is wild"
+        default=10.0,
+        gt=0,
+        description="s; a stamp farther than this from its arrival, usual clock offset removed, is wild",
     )
-    reorder: float = Field(0.1, ge=0, description="s; stamps that go back by less are sorted, by more are left out")
+    reorder: float = Field(
+        default=0.1, ge=0, description="s; stamps that go back by less are sorted, by more are left out"
+    )

@@ -57,8 +57,8 @@ def index_from_summary(path: Path, file: BinaryIO, size: int) -> Index:
         raise Damaged("it names no topics")
     if not index.counts:
         for piece in index.pieces:
-            for channel, times in message_times(file, piece).items():
-                index.counts[channel] += len(times)
+            for number, times in message_times(file, piece).items():
+                index.counts[number] += len(times)
     return index
 
 

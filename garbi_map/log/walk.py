@@ -75,9 +75,8 @@ class _Walk:
         if length > SMALL:
             raise Damaged("overwritten")
         content = chunks.read_at(self.file, position + RECORD.size, length)
-        if opcode == Opcode.MESSAGE:
-            if MESSAGE_HEAD.unpack_from(content)[0] not in self.index.channels:
-                raise Damaged("message of an unknown topic")
+        if opcode == Opcode.MESSAGE and MESSAGE_HEAD.unpack_from(content)[0] not in self.index.channels:
+            raise Damaged("message of an unknown topic")
         if self.raw is None or self.raw.offset + self.raw.length != position or self.raw.length > RAW_PIECE:
             self.close_raw()
             self.raw = Piece(position, 0, 0, 0, raw=True)
