@@ -119,10 +119,10 @@ _MAY_BE_NAN = {"imu": slice(6, None), "dvl": slice(None), "usbl": slice(3, None)
 
 
 def _usable(role: str, values: Floats) -> NDArray[np.bool_]:
-    finite = np.isfinite(values)
+    required = np.array(values)
     if role in _MAY_BE_NAN:
-        finite[:, _MAY_BE_NAN[role]] = True
-    usable: NDArray[np.bool_] = np.all(finite, axis=1, keepdims=False)
+        required[:, _MAY_BE_NAN[role]] = 0.0
+    usable = np.asarray(np.isfinite(required).all(axis=1))
     if role == "odometry":
         usable &= np.linalg.norm(values[:, 3:7], axis=1) > 0.5
     return usable
@@ -132,7 +132,7 @@ def _imu(rows: _Rows) -> Imu:
     attitude = rows.values[:, 6:10]
     length = np.linalg.norm(attitude, axis=1)
     covariance = rows.values[:, 10:19].reshape(-1, 3, 3)
-    given = (length > 0.5) & np.isfinite(length) & (covariance[:, 0, 0] != -1)
+    given = np.asarray((length > 0.5) & np.isfinite(length) & (covariance[:, 0, 0] != -1))
     with np.errstate(invalid="ignore", divide="ignore"):
         attitude = np.where(given[:, None], attitude / length[:, None], np.nan)
     return Imu(rows.stamp_ns, rows.arrival_ns, rows.values[:, 0:3], rows.values[:, 3:6], attitude, covariance)
