@@ -132,14 +132,15 @@ def _imu(rows: _Rows) -> Imu:
     attitude = rows.values[:, 6:10]
     length = np.linalg.norm(attitude, axis=1)
     covariance = rows.values[:, 10:19].reshape(-1, 3, 3)
-    given = np.asarray((length > 0.5) & np.isfinite(length) & (covariance[:, 0, 0] != -1))
+    given = (length > 0.5) & np.isfinite(length) & (covariance[:, 0, 0] != -1)
     with np.errstate(invalid="ignore", divide="ignore"):
         attitude = np.where(given[:, None], attitude / length[:, None], np.nan)
     return Imu(rows.stamp_ns, rows.arrival_ns, rows.values[:, 0:3], rows.values[:, 3:6], attitude, covariance)
 
 
 def _dvl(rows: _Rows) -> Dvl:
-    velocity = np.where(np.isfinite(rows.values[:, :3]).all(axis=1)[:, None], rows.values[:, :3], np.nan)
+    velocity = rows.values[:, :3]
+    velocity = np.where(np.isfinite(velocity).all(axis=1, keepdims=True), velocity, np.nan)
     return Dvl(rows.stamp_ns, rows.arrival_ns, velocity, rows.values[:, 3:].reshape(-1, 3, 3))
 
 
