@@ -63,7 +63,8 @@ class Camera:
 
     def rays(self, u: ArrayLike, v: ArrayLike) -> tuple[Floats, Floats]:
         """Origins (n, 3) m and unit directions (n, 3), camera frame, of pixels u, v (n,); NaN where there is no ray."""
-        return kernels.camera_rays(*same_length(u, v), self.lens, self.window)
+        columns, rows = same_length(u, v)
+        return kernels.camera_rays(columns, rows, self.lens, self.window)
 
     def project(self, points: Floats) -> Floats:
         """Pixels (n, 2) of points (n, 3) m in the camera frame; NaN for those that the camera cannot see."""

@@ -59,10 +59,13 @@ class Rig:
 
     def triangulate(self, u: ArrayLike, v: ArrayLike, alpha: ArrayLike) -> Triangulated:
         """Where the rays of pixels u, v (n,) meet the sheets at alpha (n,) rad, or one alpha for all."""
+        columns, rows, angles = same_length(u, v, alpha)
         camera, laser = self.camera, self.laser
         return Triangulated(
             *kernels.triangulate(
-                *same_length(u, v, alpha),
+                columns,
+                rows,
+                angles,
                 camera.lens,
                 camera.window,
                 camera.rotation,
