@@ -135,14 +135,16 @@ def profile_edges(
     slope: float,
     row_gap: int,
     least_run: int,
+    least_extent: float,
     edge_rows: int,
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Which points stand alone, and which lie beside a depth edge: alone (n,), mixed (n,).
 
     Points in order of profile, then row; depth and sigma (n,) m; pitch: distance across the ray between neighbouring
     rows per metre of depth. Neighbours belong together when their depths differ by no more than `slope` times their
-    distance across the ray and four sigma. A run of fewer than least_run points is alone. Where two runs meet within
-    row_gap rows the light of both surfaces mixes in one stripe: their edge_rows nearest points are mixed.
+    distance across the ray and four sigma. A run of fewer than least_run points, or shorter across the ray than
+    least_extent (m), is alone: a flake in the water, not the bottom. Where two runs meet within row_gap rows the light
+    of both surfaces mixes in one stripe: their edge_rows nearest points are mixed.
     """
     n = row.size
     alone = np.zeros(n, np.bool_)
@@ -159,7 +161,8 @@ def profile_edges(
                 edge = not together
         if together:
             continue
-        if i - start < least_run:
+        extent = pitch * (row[i - 1] - row[start] + 1) * depth[(start + i - 1) // 2]
+        if i - start < least_run or extent < least_extent:
             alone[start:i] = True
         if edge:
             mixed[max(start, i - edge_rows) : i] = True

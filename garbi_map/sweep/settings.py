@@ -30,7 +30,8 @@ class SweepSettings(Settings):
         gt=0,
         description="neighbours farther apart along the ray than this many times across it are a depth edge",
     )
-    least_run: int = Field(3, ge=1, description="a shorter run of rows between depth edges or gaps is dropped")
+    least_run: int = Field(3, ge=1, description="a run of fewer points between depth edges or gaps is dropped")
+    least_extent: float = Field(0.01, ge=0, description="and one that is shorter across the ray, m: marine snow")
     edge_rows: int = Field(2, ge=0, description="rows on either side of a depth edge whose stripe may be mixed")
     edge_sigma: float = Field(0.7, ge=0, description="what a mixed stripe adds to the column's sigma, px")
 

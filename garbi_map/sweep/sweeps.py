@@ -121,6 +121,7 @@ def _sweep(index: int, profiles: list[_Profile], rig: Rig, settings: SweepSettin
         settings.edge_slope,
         settings.row_gap,
         settings.least_run,
+        settings.least_extent,
         settings.edge_rows,
     )
     losses.points_alone += int(alone.sum())
