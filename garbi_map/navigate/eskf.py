@@ -32,6 +32,7 @@ class Start:
     """The state at the first sample and what is known of it: covariance (STATES, STATES)."""
 
     position: Floats
+    velocity: Floats
     quaternion: Floats
     gyro_bias: Floats
     covariance: Floats
@@ -81,7 +82,7 @@ class ErrorStateFilter:
         count = len(base.stamp_ns)
         self.position, self.velocity = np.zeros((count, 3)), np.zeros((count, 3))
         self.quaternion = np.zeros((count, 4))
-        self.position[0], self.quaternion[0] = start.position, start.quaternion
+        self.position[0], self.velocity[0], self.quaternion[0] = start.position, start.velocity, start.quaternion
         self.biases = np.zeros(STATES - GYRO_BIAS.start)
         self.biases[:3] = start.gyro_bias
         self.kalman = KalmanFilter(dim_x=STATES, dim_z=1)

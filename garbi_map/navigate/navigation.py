@@ -142,6 +142,11 @@ def _start(
     if "pressure" in by_name:
         position[2] = by_name["pressure"].value[0, 0]
         sigma[2] = 1.0
+    velocity = np.zeros(3)
+    if "dvl" in by_name:
+        # a DVL ping linearised about standstill would not see that its velocity turns with the yaw, and the next one
+        # would then take the difference for knowledge of the yaw
+        velocity = Rotation.from_quat(quaternion).apply(np.median(by_name["dvl"].value[:5], axis=0))
     measured = "dvl" in by_name or "fixes" in by_name
     covariance = start_covariance(
         quaternion,
@@ -157,7 +162,7 @@ def _start(
         ),
         settings,
     )
-    return Start(position, quaternion, bias, covariance)
+    return Start(position, velocity, quaternion, bias, covariance)
 
 
 def _believed(forward: ErrorStateFilter, sources: list[Source]) -> tuple[list[Source], dict[str, float]]:
