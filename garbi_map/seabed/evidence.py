@@ -61,7 +61,10 @@ class Evidence:
         profile: NDArray[np.int32],
         row: NDArray[np.int32],
     ) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
-        """The verdict (n,) on each point and the slope (n, 2) of the surface at it; points (n, 3) are those of the rig frame."""
+        """The verdict (n,) on each point and the slope (n, 2) of the surface at it.
+
+        placed (n, 3) are the points in `map`, points (n, 3) in the rig frame.
+        """
         from garbi_map.seabed import kernels
 
         if self._surrounding is None:

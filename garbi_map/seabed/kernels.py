@@ -132,7 +132,7 @@ def _merge_cell(into, other):
 
 @njit(cache=True, nogil=True)
 def mark_tiles(placed, chosen, cell_side, tile, first, marked):
-    """Set marked[a, b] for every tile, of tile x tile cells, counted from tile `first`, in which a chosen point lies."""
+    """Set marked[a, b] for every tile of tile x tile cells, counted from `first`, in which a chosen point lies."""
     for i in range(len(placed)):
         if chosen[i]:
             column = int(np.floor(placed[i, 0] / cell_side))
@@ -197,7 +197,7 @@ def merge_tile(into, other, factor):
 
 @njit(cache=True, nogil=True)
 def _slot(voxels, key):
-    """Slot of a key in an open-addressed table whose length is a power of two: its own, or the free one to put it in."""
+    """Slot of a key in an open-addressed table, of a power of two slots: its own, or the free one to put it in."""
     mask = len(voxels) - 1
     mixed = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
     slot = int(mixed >> np.uint64(24)) & mask

@@ -17,7 +17,7 @@ def triangulate(seabed: Seabed, max_triangles: int = 500_000, fill_holes: float 
     """
     factor = 1
     while True:
-        elevation, weight = _coarsened(seabed, factor)
+        elevation = _coarsened(seabed, factor)
         known = np.isfinite(elevation)
         triangles = _triangles(known)
         if len(triangles) <= max_triangles:
@@ -43,8 +43,8 @@ def triangulate(seabed: Seabed, max_triangles: int = 500_000, fill_holes: float 
     return Mesh(vertices, triangles.reshape(-1, 3).astype(np.int32), filled[row, column])
 
 
-def _coarsened(seabed: Seabed, factor: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Elevation averaged over factor x factor cells by 1 / variance, and the sum of those weights."""
+def _coarsened(seabed: Seabed, factor: int) -> NDArray[np.float64]:
+    """Elevation averaged over factor x factor cells by 1 / variance."""
     known = seabed.known
     weight = np.where(known, 1.0 / np.where(known, seabed.uncertainty, 1.0).astype(np.float64) ** 2, 0.0)
     total = weight * np.where(known, seabed.elevation, 0.0)
@@ -54,7 +54,7 @@ def _coarsened(seabed: Seabed, factor: int) -> tuple[NDArray[np.float64], NDArra
         )
         for band in (weight, total)
     )
-    return np.divide(total, weight, out=np.full_like(total, np.nan), where=weight > 0), weight
+    return np.divide(total, weight, out=np.full_like(total, np.nan), where=weight > 0)
 
 
 def _triangles(known: NDArray[np.bool_]) -> NDArray[np.int64]:

@@ -56,7 +56,7 @@ class SurfaceGrid:
         span = np.floor(seen.max(0) / cell).astype(np.int64) // TILE - first + 1
         if span.max() > _MAX_SPAN:
             raise GarbiError(
-                f"one sweep spans {span.max() * TILE * cell:.0f} m: the trajectory jumps there, or seabed.cell is too small"
+                f"one sweep spans {span.max() * TILE * cell:.0f} m: its trajectory jumps, or seabed.cell is too small"
             )
         marked = np.zeros(span, np.bool_)
         kernels.mark_tiles(placed, chosen, cell, TILE, first, marked)
@@ -84,7 +84,7 @@ class SurfaceGrid:
 
         if other._settings.cell != self._settings.cell:
             raise GarbiError(
-                f"grids of {self._settings.cell} m and {other._settings.cell} m cells cannot be merged: set one seabed.cell"
+                f"grids of {self._settings.cell} m and {other._settings.cell} m cells do not merge: set one seabed.cell"
             )
         for index, tile in other.tiles.items():
             slot = self._slot(index)

@@ -61,7 +61,8 @@ class Seabed:
     origin               (x, y) of the outer corner of cell (0, 0) in `map`, m
     cell                 side of a cell, m
     elevation            (rows, columns) float32, m, `map` z at the cell's centre
-    uncertainty          (rows, columns) float32, 1 sigma of the elevation, m: noise, sampling, pose and the disagreement of sweeps
+    uncertainty          (rows, columns) float32, 1 sigma of the elevation, m: noise, roughness, pose,
+                         and by how much sweeps disagree beyond that
     density              (rows, columns) int32, points
     standard_deviation   (rows, columns) float32, spread of the points in the cell about the local slope, m
     intensity            (rows, columns) float32, mean, 0..255
@@ -90,10 +91,9 @@ class Seabed:
     def centres(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """x (columns,) and y (rows,) of the cells' centres, m."""
         rows, columns = self.elevation.shape
-        return (
-            self.origin[0] + (np.arange(columns) + 0.5) * self.cell,
-            self.origin[1] + (np.arange(rows) + 0.5) * self.cell,
-        )
+        east = self.origin[0] + (np.arange(columns, dtype=np.float64) + 0.5) * self.cell
+        north = self.origin[1] + (np.arange(rows, dtype=np.float64) + 0.5) * self.cell
+        return east, north
 
 
 @dataclass(frozen=True)
