@@ -6,6 +6,8 @@ from garbi_map.export.georeference import Georeference
 from garbi_map.export.glb import write_glb
 from garbi_map.export.hillshade import write_hillshade
 from garbi_map.export.raster import write_seabed_tif
+from garbi_map.export.report import Quantity, Report, Source, Span, Topic, describe_seabed, write_report_json
+from garbi_map.export.report_html import write_report_html
 from garbi_map.export.settings import ExportSettings
 from garbi_map.export.trajectory import write_trajectory
 
@@ -13,8 +15,16 @@ __all__ = [
     "CloudWriter",
     "ExportSettings",
     "Georeference",
+    "Quantity",
+    "Report",
+    "Source",
+    "Span",
+    "Topic",
+    "describe_seabed",
     "write_glb",
     "write_hillshade",
+    "write_report_html",
+    "write_report_json",
     "write_seabed_tif",
     "write_text",
     "write_trajectory",
