@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from garbi_map.log.records import Floats, Mount
 
@@ -14,6 +13,8 @@ SEMI_MAJOR, FLATTENING = 6378137.0, 1 / 298.257223563  # WGS84 (NIMA TR8350.2)
 
 def compose(outer: Mount, inner: Mount) -> Mount:
     """a <- c from a <- b and b <- c."""
+    from scipy.spatial.transform import Rotation
+
     rotation = Rotation.from_quat(outer.quaternion)
     return Mount(
         outer.translation + rotation.apply(inner.translation),
@@ -23,6 +24,8 @@ def compose(outer: Mount, inner: Mount) -> Mount:
 
 def invert(mount: Mount) -> Mount:
     """b <- a from a <- b."""
+    from scipy.spatial.transform import Rotation
+
     back = Rotation.from_quat(mount.quaternion).inv()
     return Mount(-back.apply(mount.translation), back.as_quat())
 

@@ -12,7 +12,7 @@ from mcap import records as mcap_records
 from mcap.opcode import Opcode
 
 from garbi_map.log import chunks
-from garbi_map.log.chunks import DAMAGE, RECORD, Damaged
+from garbi_map.log.chunks import RECORD, Damaged
 from garbi_map.log.records import Stamps
 
 
@@ -96,14 +96,8 @@ def read_piece(file: BinaryIO, piece: Piece) -> memoryview:
     return chunks.unpack_chunk(content)
 
 
-def read_attachment(index: Index, name: str) -> bytes | None:
-    """The content of an attachment, checksum validated; None where there is none, or (a loss) it is damaged."""
-    if name not in index.attachments:
-        return None
+def read_attachment(index: Index, name: str) -> bytes:
+    """The content of an attachment, checksum validated; raises one of DAMAGE."""
     offset, length = index.attachments[name]
-    try:
-        with index.path.open("rb") as file:
-            return chunks.attachment_data(chunks.read_at(file, offset, length)[RECORD.size :])
-    except DAMAGE:
-        index.losses.append(f"{index.path.name}: attachment {name!r} is damaged")
-        return None
+    with index.path.open("rb") as file:
+        return chunks.attachment_data(chunks.read_at(file, offset, length)[RECORD.size :])

@@ -119,10 +119,10 @@ _MAY_BE_NAN = {"imu": slice(6, None), "dvl": slice(None), "usbl": slice(3, None)
 
 
 def _usable(role: str, values: Floats) -> NDArray[np.bool_]:
-    finite = np.isfinite(values)
+    required = np.array(values)
     if role in _MAY_BE_NAN:
-        finite[:, _MAY_BE_NAN[role]] = True
-    usable: NDArray[np.bool_] = np.all(finite, axis=1, keepdims=False)
+        required[:, _MAY_BE_NAN[role]] = 0.0
+    usable = np.asarray(np.isfinite(required).all(axis=1))
     if role == "odometry":
         usable &= np.linalg.norm(values[:, 3:7], axis=1) > 0.5
     return usable
@@ -139,7 +139,8 @@ def _imu(rows: _Rows) -> Imu:
 
 
 def _dvl(rows: _Rows) -> Dvl:
-    velocity = np.where(np.isfinite(rows.values[:, :3]).all(axis=1)[:, None], rows.values[:, :3], np.nan)
+    velocity = rows.values[:, :3]
+    velocity = np.where(np.isfinite(velocity).all(axis=1, keepdims=True), velocity, np.nan)
     return Dvl(rows.stamp_ns, rows.arrival_ns, velocity, rows.values[:, 3:].reshape(-1, 3, 3))
 
 

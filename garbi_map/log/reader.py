@@ -35,6 +35,8 @@ class Log:
 
     topics      name -> (type, count)
     begin_ns, end_ns  first and last header stamp
+    rig_text    the attached rig.yaml, None where the log has none or a damaged one
+    metadata    the records of names and texts, by name
     losses      one line for everything that could not be read, so far; it grows while reading
     """
 
@@ -44,6 +46,7 @@ class Log:
         self._losses: dict[str, None] = {}
         self.topics = self._find_topics()
         self.begin_ns, self.end_ns, self._clock_offset = self._find_times()
+        self.rig_text = self._find_rig()
         self.metadata = {name: record for index in indexes for name, record in index.metadata.items()}
 
     @property
@@ -56,19 +59,15 @@ class Log:
         self._losses[line] = None
 
     @property
+    def size(self) -> int:
+        """Bytes of all files."""
+        return sum(index.path.stat().st_size for index in self._indexes)
+
+    @property
     def image_count(self) -> int:
         """Messages on the image topic."""
         topic = self.topics.get(self.settings.topics.image)
         return topic.count if topic else 0
-
-    @property
-    def rig_text(self) -> str | None:
-        """The attached rig.yaml, None where the log has none or a damaged one."""
-        for index in self._indexes:
-            data = read_attachment(index, "rig.yaml")
-            if data is not None:
-                return data.decode(errors="replace")
-        return None
 
     def navigation(
         self, begin_ns: int | None = None, end_ns: int | None = None, joint: str = "laser_joint"
@@ -159,6 +158,12 @@ class Log:
             for message in self._messages_of(index, pieces, wanted):
                 yield names[message.channel], message
 
+    def verify(self) -> None:
+        """Read every byte that holds a message; what fails its checksum goes into `losses`."""
+        for index in self._indexes:
+            for _ in self._messages_of(index, index.pieces, set()):
+                pass
+
     def _messages_of(self, index: Index, pieces: list[Piece], wanted: set[int]) -> Iterator[RawMessage]:
         with index.path.open("rb") as file:
             for piece in pieces:
@@ -195,6 +200,15 @@ class Log:
                         if channel in index.channels:
                             times.setdefault(index.topic(channel), []).append(part)
         return {topic: np.sort(np.concatenate(parts)) for topic, parts in times.items()}
+
+    def _find_rig(self) -> str | None:
+        for index in self._indexes:
+            if "rig.yaml" in index.attachments:
+                try:
+                    return read_attachment(index, "rig.yaml").decode()
+                except DAMAGE:
+                    self.lose(f"{index.path.name}: the attached rig.yaml is damaged")
+        return None
 
     def _find_topics(self) -> dict[str, Topic]:
         topics: dict[str, Topic] = {}

@@ -26,10 +26,8 @@ class LogSettings(Settings):
     topics: Topics = Topics()
     base_frame: str = Field(default="base_link", description="the frame that mounts and odometry are of")
     clock_tolerance: float = Field(
-        default=10.0,
-        gt=0,
-        description="s; a stamp farther than this from its arrival, usual clock offset removed, is wild",
+        default=10.0, gt=0, description="s; a stamp farther from its arrival, usual clock offset removed, is wild"
     )
     reorder: float = Field(
-        default=0.1, ge=0, description="s; stamps that go back by less are sorted, by more are left out"
+        default=0.1, ge=0, description="s; messages whose stamps go back by less are sorted, by more left out"
     )

@@ -1,0 +1,168 @@
+"""What is in a log, what is missing and what that costs the map, what is damaged."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from garbi_map.errors import GarbiError
+from garbi_map.log.decode import IMAGE_TYPES
+from garbi_map.log.reader import Log
+from garbi_map.log.records import Navigation, Stamps
+
+READ_WHOLE = 1 << 30  # bytes; a larger log is not read through unless asked for
+GAP_FACTOR, GAP_LEAST = 3.0, 0.2  # times the median interval, s
+PERIODIC = ("image", "encoder", "imu", "pressure", "dvl", "navsat", "usbl", "odometry")
+
+COSTS = {
+    "image": "there is nothing to map",
+    "encoder": "the laser's angle is unknown: only a scanner whose rig file gives laser.fixed_angle can be mapped",
+    "imu": "no attitude and no rates: the motion inside a sweep rests on registration alone, and the map may lean",
+    "attitude": "no heading and no level: x of the map is where the vehicle first looked, and roll and pitch drift",
+    "pressure": "no depth: z counts from the first pose instead of the surface, and drifts with the rest",
+    "dvl": "no velocity: positions rest on registration and inertia, and drift by decimetres where the ground is flat",
+    "fixes": "no absolute position: the map's origin is the first pose, it has no place on the chart",
+    "tf_static": "lever arms are unknown: every sensor is taken to sit in base_link, which shears the map as it turns",
+    "rig.yaml": "the log carries no calibration: give a rig file with --rig",
+}
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Silence of a topic, s since the log's first message."""
+
+    begin: float
+    end: float
+
+
+@dataclass(frozen=True)
+class TopicCheck:
+    """role is "" for a topic that the map does not use; rate Hz, the inverse of the median interval, 0 when unknown."""
+
+    name: str
+    type: str
+    role: str
+    count: int
+    rate: float
+    gaps: tuple[Gap, ...]
+
+
+@dataclass(frozen=True)
+class Missing:
+    """Something that the log does not have, and what that costs, in words."""
+
+    what: str
+    topic: str
+    cost: str
+
+
+@dataclass(frozen=True)
+class LogCheck:
+    """The health of a log.
+
+    duration    s, from first to last header stamp
+    damage      what cannot be read, one line each
+    read_whole  every message was read and its checksum validated; else all is from the log's index, and damage inside
+                of chunks is not known
+    """
+
+    begin_ns: int
+    duration: float
+    topics: tuple[TopicCheck, ...]
+    missing: tuple[Missing, ...]
+    damage: tuple[str, ...]
+    read_whole: bool
+
+    @property
+    def mappable(self) -> bool:
+        """There are images to map."""
+        return not any(missing.what == "image" for missing in self.missing)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Everything, as JSON can hold it."""
+        return {**asdict(self), "mappable": self.mappable}
+
+
+def check_log(log: Log, whole: bool | None = None) -> LogCheck:
+    """Check a log. It is read through if `whole`, or (None) if it is smaller than a gigabyte; rates and gaps are by log
+    time, from the message indexes where the log has them."""
+    read_whole = log.size <= READ_WHOLE if whole is None else whole
+    navigation, unusable = None, []
+    if read_whole:
+        log.verify()
+        try:
+            navigation = log.navigation()
+            log.type_of("image", IMAGE_TYPES)
+        except GarbiError as error:
+            unusable.append(str(error))
+    roles = {topic: role for role, topic in log.settings.topics.model_dump().items()}
+    times = log.log_times()
+    bounds = (min(t[0] for t in times.values()), max(t[-1] for t in times.values())) if times else (0, 0)
+    topics = [
+        _check_topic(name, topic.type, roles.get(name, ""), topic.count, times.get(name), bounds)
+        for name, topic in sorted(log.topics.items())
+    ]
+    return LogCheck(
+        begin_ns=log.begin_ns,
+        duration=(log.end_ns - log.begin_ns) * 1e-9,
+        topics=tuple(topics),
+        missing=tuple(_missing(log, navigation)),
+        damage=(*log.losses, *unusable),
+        read_whole=read_whole,
+    )
+
+
+def _check_topic(
+    name: str, type_name: str, role: str, count: int, times: Stamps | None, bounds: tuple[int, int]
+) -> TopicCheck:
+    if times is None or len(times) < 2:
+        return TopicCheck(name, type_name, role, count, 0.0, ())
+    begin = bounds[0]
+    interval = float(np.median(np.diff(times))) * 1e-9
+    rate = 1 / interval if interval > 0 else 0.0
+    if role not in PERIODIC:
+        return TopicCheck(name, type_name, role, count, rate, ())
+    # a topic that starts late or stops early is silent there
+    edges = np.concatenate([[bounds[0]], times, [bounds[1]]])
+    silent = np.flatnonzero(np.diff(edges) * 1e-9 > max(GAP_FACTOR * interval, GAP_LEAST))
+    gaps = tuple(Gap(float(edges[i] - begin) * 1e-9, float(edges[i + 1] - begin) * 1e-9) for i in silent)
+    return TopicCheck(name, type_name, role, count, rate, gaps)
+
+
+def _missing(log: Log, navigation: Navigation | None) -> list[Missing]:
+    names = log.settings.topics.model_dump()
+    absent = {role for role, name in names.items() if name not in log.topics or log.topics[name].count == 0}
+    missing = [Missing(role, names[role], COSTS[role]) for role in ("image", "encoder") if role in absent]
+    # somebody else's trajectory stands in for what it was computed from
+    if "odometry" in absent:
+        missing += [Missing(role, names[role], COSTS[role]) for role in ("imu", "pressure", "dvl") if role in absent]
+    if {"navsat", "usbl"} <= absent:
+        missing.append(Missing("fixes", f"{names['navsat']}, {names['usbl']}", COSTS["fixes"]))
+    if "tf_static" in absent:
+        missing.append(Missing("tf_static", names["tf_static"], COSTS["tf_static"]))
+    if log.rig_text is None:
+        missing.append(Missing("rig.yaml", "", COSTS["rig.yaml"]))
+    if navigation is not None:
+        missing += _missing_inside(log, navigation)
+    return missing
+
+
+def _missing_inside(log: Log, navigation: Navigation) -> list[Missing]:
+    """What only the messages themselves tell: an IMU without attitude, a DVL that never saw the ground, mounts."""
+    topics = log.settings.topics
+    missing = []
+    if navigation.imu is not None and np.isnan(navigation.imu.attitude).all():
+        missing.append(Missing("attitude", topics.imu, COSTS["attitude"]))
+    if navigation.dvl is not None and np.isnan(navigation.dvl.velocity).all():
+        missing.append(Missing("dvl", topics.dvl, f"it never saw the ground: {COSTS['dvl']}"))
+    frames = {"imu_link": navigation.imu, "dvl_link": navigation.dvl, "pressure_link": navigation.pressure}
+    needed = [frame for frame, sensor in frames.items() if sensor is not None] + ["rig"]
+    if navigation.mounts:
+        missing += [
+            Missing(f"mount of {frame}", topics.tf_static, "it is taken to sit in base_link, without a lever arm")
+            for frame in needed
+            if frame not in navigation.mounts
+        ]
+    return missing
