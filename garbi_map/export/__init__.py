@@ -1,1 +1,32 @@
+"""Files that people open: each complete or absent."""
 
+from garbi_map.export.aside import write_text, written_aside
+from garbi_map.export.cloud import CloudWriter
+from garbi_map.export.georeference import Georeference
+from garbi_map.export.glb import write_glb
+from garbi_map.export.hillshade import write_hillshade
+from garbi_map.export.raster import write_seabed_tif
+from garbi_map.export.report import Quantity, Report, Source, Span, Topic, describe_seabed, write_report_json
+from garbi_map.export.report_html import write_report_html
+from garbi_map.export.settings import ExportSettings
+from garbi_map.export.trajectory import write_trajectory
+
+__all__ = [
+    "CloudWriter",
+    "ExportSettings",
+    "Georeference",
+    "Quantity",
+    "Report",
+    "Source",
+    "Span",
+    "Topic",
+    "describe_seabed",
+    "write_glb",
+    "write_hillshade",
+    "write_report_html",
+    "write_report_json",
+    "write_seabed_tif",
+    "write_text",
+    "write_trajectory",
+    "written_aside",
+]

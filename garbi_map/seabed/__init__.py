@@ -1,1 +1,20 @@
+"""The seabed: accepted points with sigma, an elevation grid with its uncertainty, a mesh."""
 
+from garbi_map.seabed.builder import SeabedBuilder, build_seabed
+from garbi_map.seabed.mesh import triangulate
+from garbi_map.seabed.settings import OutlierSettings, SeabedSettings
+from garbi_map.seabed.surface import SurfaceGrid
+from garbi_map.seabed.types import AcceptedPoints, Mesh, Seabed, Verdict
+
+__all__ = [
+    "AcceptedPoints",
+    "Mesh",
+    "OutlierSettings",
+    "Seabed",
+    "SeabedBuilder",
+    "SeabedSettings",
+    "SurfaceGrid",
+    "Verdict",
+    "build_seabed",
+    "triangulate",
+]

@@ -1,7 +1,46 @@
 """Settings of the seabed room."""
 
+from pydantic import Field
+
 from garbi_map.settings import Settings
+
+
+class OutlierSettings(Settings):
+    """When a point is taken for marine snow, a reflection or a stray instead of the seabed."""
+
+    voxel: float = Field(default=0.01, gt=0.0, le=1.0, description="m; agreement is judged in 3 x 3 x 3 of these")
+    min_points: int = Field(
+        default=6, ge=1, description="points that the neighbourhood of a seabed point holds at least"
+    )
+    min_run: int = Field(
+        default=12, ge=2, description="consecutive rows of one profile that are a surface by themselves"
+    )
+    min_share: float = Field(
+        default=0.03,
+        ge=0.0,
+        lt=1.0,
+        description="of the profiles that hit the best of the column, below which it was seen through",
+    )
+    gate: float = Field(
+        default=4.0, gt=0.0, description="sigmas that a point without support of its own may lie off the surface"
+    )
+    max_sigma: float = Field(default=0.05, gt=0.0, description="m; a point less certain than this is left out")
 
 
 class SeabedSettings(Settings):
     """Every field says its unit."""
+
+    cell: float = Field(default=0.005, gt=0.0, le=10.0, description="m, side of a cell of the elevation grid")
+    sigma_floor: float = Field(default=5e-5, gt=0.0, description="m; no point is believed to be better than this")
+    max_cells: int = Field(
+        default=4_000_000,
+        ge=4096,
+        description="cells of the finished grid; a larger site gets cells of 2, 4, 8, ... times the side",
+    )
+    agreement_window: float = Field(
+        default=0.16, gt=0.0, description="m; the side over which the scatter between sweeps is compared with their covariances"
+    )
+    fill_holes: float = Field(
+        default=0.02, ge=0.0, description="m; holes of the mesh up to this width are closed, and flagged"
+    )
+    outliers: OutlierSettings = OutlierSettings()

@@ -1,0 +1,34 @@
+"""A file is complete or absent."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from garbi_map.errors import GarbiError
+
+
+@contextmanager
+def written_aside(path: Path) -> Iterator[Path]:
+    """A name beside `path` to write to: synced and renamed to `path` when the block ends well, else removed.
+
+    Raises GarbiError where the file system refuses.
+    """
+    aside = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
+    try:
+        yield aside
+        with aside.open("rb+") as file:
+            os.fsync(file.fileno())
+        aside.replace(path)
+    except OSError as error:
+        raise GarbiError(f"{path}: cannot be written: {error.strerror or error}") from error
+    finally:
+        aside.unlink(missing_ok=True)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a UTF-8 file, complete or not at all. Raises GarbiError where the file system refuses."""
+    with written_aside(path) as aside:
+        aside.write_text(text, encoding="utf-8")

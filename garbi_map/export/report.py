@@ -1,0 +1,125 @@
+"""What a run read, left out and reached: the model of report.json and report.html."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from garbi_map.errors import GarbiError
+from garbi_map.export.aside import write_text
+from garbi_map.seabed.types import Seabed
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+
+class Quantity(_Part):
+    """A number with its unit; value None (null) where it could not be had."""
+
+    name: str
+    value: float | None
+    unit: str = ""
+    note: str = ""
+
+
+class Topic(_Part):
+    """What a log holds on one topic."""
+
+    name: str
+    type: str
+    count: int
+
+
+class Source(_Part):
+    """What was read."""
+
+    paths: list[str]
+    begin_ns: int
+    duration_s: float
+    images: int
+    topics: list[Topic] = []
+
+
+class Span(_Part):
+    """A stretch of the timeline: a lane ("sweeps", "/dvl/twist", ...), from and to, s since the log's begin."""
+
+    lane: str
+    begin_s: float
+    end_s: float
+    state: Literal["good", "lost"] = "good"
+
+
+class Report(_Part):
+    """Everything that report.json holds.
+
+    counts         what was read and kept, in the order of the flow: images, stripes, profiles, sweeps, points, accepted
+    rejected       points left out, by reason
+    left_out       one line for everything that was in the log and is not in the map
+    residuals      how well the parts agree: registration, navigation
+    uncertainties  how sure the map is: `describe_seabed` and the trajectory
+    timings_s      seconds of each stage, in order
+    outputs        file name -> what it is
+    """
+
+    title: str
+    created: str = Field(description="ISO 8601, UTC")
+    source: Source
+    counts: dict[str, int]
+    rejected: dict[str, int]
+    left_out: list[str] = []
+    residuals: list[Quantity] = []
+    uncertainties: list[Quantity] = []
+    timings_s: dict[str, float]
+    timeline: list[Span] = []
+    configuration: dict[str, Any]
+    versions: dict[str, str]
+    outputs: dict[str, str] = {}
+
+
+def checked(report: Report | dict[str, Any]) -> Report:
+    """A report from a plain dictionary. Raises GarbiError that names the first entry that does not fit the model."""
+    if isinstance(report, Report):
+        return report
+    try:
+        return Report.model_validate(report)
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise GarbiError(f"report: {'.'.join(map(str, first['loc']))}: {first['msg']}") from error
+
+
+def write_report_json(path: Path, report: Report | dict[str, Any]) -> None:
+    """Write report.json, complete or not at all; numbers that are not finite become null."""
+    write_text(path, checked(report).model_dump_json(indent=2) + "\n")
+
+
+def describe_seabed(seabed: Seabed) -> list[Quantity]:
+    """What the grid says of its own quality, for `uncertainties`."""
+    known = seabed.known
+    uncertainty = 1e3 * seabed.uncertainty[known]
+    median, high = np.percentile(uncertainty, [50, 95])
+    depth = -seabed.elevation[known]
+    return [
+        Quantity(name="area", value=seabed.area, unit="m²", note="of cells with at least one point"),
+        Quantity(name="cell", value=1e3 * seabed.cell, unit="mm"),
+        Quantity(name="depth from", value=float(depth.min()), unit="m"),
+        Quantity(name="depth to", value=float(depth.max()), unit="m"),
+        Quantity(name="uncertainty, median", value=float(median), unit="mm", note="1 sigma of a cell's elevation"),
+        Quantity(name="uncertainty, 95th percentile", value=float(high), unit="mm"),
+        Quantity(name="density, median", value=float(np.median(seabed.density[known])), unit="points per cell"),
+        Quantity(
+            name="cells of five or more points",
+            value=100 * float((seabed.density[known] >= 5).mean()),
+            unit="%",
+            note="surveyors ask for 95 %",
+        ),
+        Quantity(
+            name="cells seen by two or more sweeps",
+            value=100 * float((seabed.sweeps[known] >= 2).mean()),
+            unit="%",
+            note="only there can the poses be checked against each other",
+        ),
+    ]

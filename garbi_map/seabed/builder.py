@@ -1,0 +1,91 @@
+"""From sweeps and their poses to the seabed: twice over the sweeps, first to see, then to judge and fuse."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from garbi_map.log.records import Mount
+from garbi_map.navigate.trajectory import Trajectory
+from garbi_map.seabed.evidence import Evidence
+from garbi_map.seabed.settings import SeabedSettings
+from garbi_map.seabed.surface import SurfaceGrid
+from garbi_map.seabed.types import AcceptedPoints, Seabed, Verdict
+from garbi_map.sweep.types import Sweep
+
+Posed = tuple[Sweep, Trajectory]
+
+
+class SeabedBuilder:
+    """Pass 1: `observe` every sweep. Pass 2: `add` every sweep, in any order. Then `finish`.
+
+    The poses are those of the rig frame (map <- rig) at the sweep's profiles, with the covariance of base_link as
+    `Trajectory.mounted` leaves it; `mount` (base_link <- rig) tells how far from base_link the points are.
+    """
+
+    def __init__(self, settings: SeabedSettings, mount: Mount | None = None) -> None:
+        mount = mount or Mount()
+        self.surface = SurfaceGrid(settings)
+        self.rejected: Counter[str] = Counter()
+        self.accepted = 0
+        self._evidence = Evidence(settings.outliers)
+        self._base_in_rig = -Rotation.from_quat(mount.quaternion).inv().apply(mount.translation)
+
+    def observe(self, sweep: Sweep, poses: Trajectory) -> None:
+        """See where the points of a sweep are, without taking them in."""
+        placed = _place(sweep, poses)
+        self._evidence.observe(placed, sweep.sigma, sweep.profile, len(sweep.stamp_ns))
+
+    def add(self, sweep: Sweep, poses: Trajectory) -> AcceptedPoints:
+        """Judge the points of a sweep by all that was observed, and fuse the accepted ones into the surface."""
+        from garbi_map.seabed import kernels
+
+        placed = _place(sweep, poses)
+        verdict, gradient = self._evidence.judge(placed, sweep.points, sweep.sigma, sweep.profile, sweep.row)
+        sigma, noise, pose = kernels.point_errors(
+            placed,
+            sweep.profile,
+            sweep.sigma,
+            poses.position,
+            poses.position + poses.rotation.apply(self._base_in_rig),
+            poses.covariance,
+            gradient,
+        )
+        chosen = verdict == Verdict.ACCEPTED
+        self.surface.add_sweep(placed, chosen, gradient, noise, pose, sweep.intensity)
+        points = AcceptedPoints(
+            sweep.point_stamp_ns[chosen], placed[chosen], sigma[chosen], sweep.intensity[chosen], verdict
+        )
+        self.accepted += len(points.points)
+        self.rejected.update(points.rejected)
+        return points
+
+    def finish(self) -> Seabed:
+        """The elevation grid. Raises GarbiError when no point was accepted."""
+        return self.surface.finish()
+
+
+def build_seabed(
+    sweeps: Callable[[], Iterable[Posed]],
+    settings: SeabedSettings,
+    mount: Mount | None = None,
+    take: Callable[[AcceptedPoints], None] = lambda points: None,
+) -> tuple[Seabed, SeabedBuilder]:
+    """Both passes over sweeps that can be read twice; `take` is given the accepted points sweep by sweep."""
+    builder = SeabedBuilder(settings, mount)
+    for sweep, poses in sweeps():
+        builder.observe(sweep, poses)
+    for sweep, poses in sweeps():
+        take(builder.add(sweep, poses))
+    return builder.finish(), builder
+
+
+def _place(sweep: Sweep, poses: Trajectory) -> NDArray[np.float64]:
+    """The points (n, 3) in `map`, each by the pose of its own profile."""
+    from garbi_map.seabed import kernels
+
+    return kernels.place_points(sweep.points, sweep.profile, poses.rotation.as_matrix(), poses.position)

@@ -1,0 +1,118 @@
+"""What all sweeps together say about where the seabed is: the judge of marine snow, reflections and strays."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from garbi_map.seabed.cells import SURROUNDING, VOXEL
+from garbi_map.seabed.settings import OutlierSettings
+from garbi_map.seabed.types import Verdict
+
+
+class Evidence:
+    """A sparse grid of voxels that counts points and the profiles they came from.
+
+    The seabed is hit again and again by neighbouring profiles and by later sweeps; a flake of snow only once, however
+    many rows it covers. Relative to how often its surroundings and its column were seen, a thin cable still
+    has a share that a flake never reaches. Memory grows with the area seen, not with time.
+    """
+
+    def __init__(self, settings: OutlierSettings) -> None:
+        self._settings = settings
+        self._voxels = _table(1 << 16)
+        self._used = 0
+        self._profiles = 0
+        self._surrounding: NDArray[np.void] | None = None
+
+    def usable(self, placed: NDArray[np.float64], sigma: NDArray[np.float32]) -> NDArray[np.uint8]:
+        """A first verdict (n,) by what a point says of itself: accepted so far, invalid or uncertain."""
+        limit = self._settings.voxel * (1 << 19)
+        verdict = np.full(len(placed), Verdict.ACCEPTED, np.uint8)
+        verdict[sigma > self._settings.max_sigma] = Verdict.UNCERTAIN
+        verdict[~((np.abs(placed) < limit).all(1) & np.isfinite(sigma) & (sigma > 0))] = Verdict.INVALID
+        return verdict
+
+    def observe(
+        self, placed: NDArray[np.float64], sigma: NDArray[np.float32], profile: NDArray[np.int32], profiles: int
+    ) -> None:
+        """Count the points (n, 3) in `map` of one sweep of so many profiles, ordered by profile (n,)."""
+        from garbi_map.seabed import kernels
+
+        usable = self.usable(placed, sigma) == Verdict.ACCEPTED
+        done = 0
+        while True:
+            self._used, done = kernels.observe_points(
+                self._voxels, self._used, done, placed, usable, profile, self._profiles, self._settings.voxel
+            )
+            if done == len(placed):
+                break
+            larger = _table(2 * len(self._voxels))
+            kernels.rehash(self._voxels, larger)
+            self._voxels = larger
+        self._profiles += profiles
+        self._surrounding = None
+
+    def judge(
+        self,
+        placed: NDArray[np.float64],
+        points: NDArray[np.float64],
+        sigma: NDArray[np.float32],
+        profile: NDArray[np.int32],
+        row: NDArray[np.int32],
+    ) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
+        """The verdict (n,) on each point and the slope (n, 2) of the surface at it.
+
+        placed (n, 3) are the points in `map`, points (n, 3) in the rig frame.
+        """
+        from garbi_map.seabed import kernels
+
+        if self._surrounding is None:
+            self._surrounding = _surroundings(self._voxels, self._settings.voxel)
+        verdict = self.usable(placed, sigma)
+        gradient = np.zeros((len(placed), 2))
+        own = self._settings
+        kernels.judge_points(
+            self._voxels,
+            self._surrounding,
+            placed,
+            sigma,
+            verdict == Verdict.ACCEPTED,
+            kernels.run_lengths(points, profile, row),
+            own.voxel,
+            own.min_points,
+            own.min_run,
+            own.min_share,
+            own.gate,
+            verdict,
+            gradient,
+        )
+        return verdict, gradient
+
+
+def _table(length: int) -> NDArray[np.void]:
+    table = np.zeros(length, VOXEL)
+    table["key"] = -1
+    return table
+
+
+def _surroundings(voxels: NDArray[np.void], side: float) -> NDArray[np.void]:
+    """SURROUNDING of every voxel, in the order of the table."""
+    from garbi_map.seabed import kernels
+
+    surrounding = np.zeros(len(voxels), SURROUNDING)
+    covariance = np.zeros((len(voxels), 3, 3))
+    kernels.surroundings(voxels, side, surrounding, covariance)
+    full = np.flatnonzero(voxels["key"] != -1)
+    value, vector = np.linalg.eigh(covariance[full])
+    normal = vector[:, :, 0] * np.where(vector[:, 2:, 0] < 0, -1.0, 1.0)
+    for k, axis in enumerate("xyz"):
+        surrounding[f"normal_{axis}"][full] = normal[:, k]
+    surrounding["thickness"][full] = np.maximum(value[:, 0], 0.0)
+    # fewer points than a plane needs with some to spare do not say how thick the surface is
+    surrounding["thickness"][surrounding["count"] < 10] = np.inf
+    column, member = np.unique(voxels["key"][full] >> 21, return_inverse=True)
+    best = np.zeros(len(column), np.int32)
+    np.maximum.at(best, member, surrounding["support"][full])
+    surrounding["share"][full] = surrounding["support"][full] / best[member]
+    return surrounding
