@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 from garbi_map.log.records import Mount, Navigation
-from garbi_map.navigate import Trajectory, gyro_attitude, prepare_inertial
+from garbi_map.navigate import NavigationResult, Trajectory
 from garbi_map.navigate.settings import NavigateSettings
 from garbi_map.register.drift import Round
 from garbi_map.register.front_end import close_loops, scan_to_map
@@ -52,20 +52,19 @@ class Registered:
 def register(
     store: SweepStore,
     log: Navigation,
-    prior: Trajectory,
+    navigated: NavigationResult,
     settings: RegisterSettings,
     navigate: NavigateSettings,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Registered:
     """One consistent trajectory for all sweeps of a store.
 
-    prior: the navigation filter's trajectory. The result begins where the prior begins.
+    The result begins where the navigation filter's trajectory begins.
     """
     mount = log.mount("rig")
-    inertial = prepare_inertial(log, navigate)
-    gyro = gyro_attitude(log, navigate, inertial)
     stamps = store.stamps()
-    sensors = Sensors(log, prior, inertial, gyro, navigate, int(stamps[0]))
+    prior = navigated.trajectory
+    sensors = Sensors(log, prior, navigated.inertial, navigated.attitude, navigate, int(stamps[0]))
     span = (0.0, float((stamps[-1] - stamps[0]) * 1e-9))
 
     progress("neighbours in time")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -33,16 +33,18 @@ class SweepStore:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.entries: list[StoredSweep] = []
+        self.losses: list[str] = []
 
     @classmethod
     def open(cls, folder: Path) -> SweepStore | None:
         """The finished store in a folder, or None."""
         try:
-            entries = json.loads((folder / _CATALOGUE).read_text())
+            catalogue = json.loads((folder / _CATALOGUE).read_text())
         except (OSError, ValueError):
             return None
         store = cls(folder)
-        store.entries = [StoredSweep(**entry) for entry in entries]
+        store.entries = [StoredSweep(**entry) for entry in catalogue["sweeps"]]
+        store.losses = catalogue["losses"]
         return store
 
     def add(self, sweep: Sweep) -> None:
@@ -56,11 +58,12 @@ class SweepStore:
             StoredSweep(len(self.entries), int(stamps[0]), int(stamps[-1]), len(stamps), len(sweep.points))
         )
 
-    def finish(self) -> None:
-        """Writes the catalogue; from now on the store can be opened again."""
+    def finish(self, losses: list[str]) -> None:
+        """Writes the catalogue, with what was left out on the way; from now on the store can be opened again."""
+        self.losses = losses
         self.folder.mkdir(parents=True, exist_ok=True)
         aside = self.folder / (_CATALOGUE + ".part")
-        aside.write_text(json.dumps([entry.__dict__ for entry in self.entries]))
+        aside.write_text(json.dumps({"sweeps": [asdict(entry) for entry in self.entries], "losses": losses}))
         aside.rename(self.folder / _CATALOGUE)
 
     def load(self, index: int) -> Sweep:
