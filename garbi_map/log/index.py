@@ -96,6 +96,14 @@ def read_piece(file: BinaryIO, piece: Piece) -> memoryview:
     return chunks.unpack_chunk(content)
 
 
+def has_checksum(file: BinaryIO, piece: Piece) -> bool:
+    """Whether damage inside a piece would be seen; raises Damaged."""
+    if piece.raw:
+        return False
+    head = chunks.read_at(file, piece.offset + RECORD.size, chunks.CHUNK_HEAD.size)
+    return bool(chunks.CHUNK_HEAD.unpack(head)[3])
+
+
 def read_attachment(index: Index, name: str) -> bytes:
     """The content of an attachment, checksum validated; raises one of DAMAGE."""
     offset, length = index.attachments[name]

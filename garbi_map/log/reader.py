@@ -13,7 +13,7 @@ from garbi_map.errors import GarbiError
 from garbi_map.log import chunks
 from garbi_map.log.chunks import DAMAGE, RawMessage
 from garbi_map.log.decode import BAD_MESSAGE, IMAGE_TYPES, decode_image, stamp_of
-from garbi_map.log.index import Index, Piece, message_times, read_attachment, read_piece
+from garbi_map.log.index import Index, Piece, has_checksum, message_times, read_attachment, read_piece
 from garbi_map.log.navigation import read_navigation
 from garbi_map.log.records import Image, Navigation, Stamps
 from garbi_map.log.settings import LogSettings
@@ -158,11 +158,19 @@ class Log:
             for message in self._messages_of(index, pieces, wanted):
                 yield names[message.channel], message
 
-    def verify(self) -> None:
-        """Read every byte that holds a message; what fails its checksum goes into `losses`."""
+    def verify(self) -> bool:
+        """Read every byte that holds a message; what fails its checksum goes into `losses`. False where some part of
+        the log carries no checksum, so that damage there cannot be seen."""
+        protected = True
         for index in self._indexes:
-            for _ in self._messages_of(index, index.pieces, set()):
-                pass
+            with index.path.open("rb") as file:
+                for piece in index.pieces:
+                    try:
+                        protected &= has_checksum(file, piece)
+                        read_piece(file, piece)
+                    except DAMAGE as error:
+                        self._lose_piece(index, piece, chunks.reason(error))
+        return protected
 
     def _messages_of(self, index: Index, pieces: list[Piece], wanted: set[int]) -> Iterator[RawMessage]:
         with index.path.open("rb") as file:
