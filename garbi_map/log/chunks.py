@@ -48,6 +48,11 @@ class RawMessage(NamedTuple):
     publish_time: int
     data: memoryview
 
+    def arrival(self, stamp_ns: int) -> int:
+        """When the recorder had it, ns: ROS 2 puts that into log_time; this project puts the stamp there, and the
+        arrival into publish_time."""
+        return self.publish_time if self.log_time == stamp_ns else self.log_time
+
 
 class ChunkHead(NamedTuple):
     """begin, end: log times of the first and last message, ns; data_start: where the data begin in the content."""
