@@ -35,6 +35,10 @@ class Damaged(ValueError):
     """A record that cannot be trusted; the text says why in a few words."""
 
 
+class Unindexed(Damaged):
+    """A sound file that has no index, as some recorders write it."""
+
+
 def reason(error: BaseException) -> str:
     """Why something is damaged, in a few words."""
     return str(error) if isinstance(error, Damaged) else "unreadable"

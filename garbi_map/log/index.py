@@ -11,6 +11,7 @@ import numpy as np
 from mcap import records as mcap_records
 from mcap.opcode import Opcode
 
+from garbi_map.errors import GarbiError
 from garbi_map.log import chunks
 from garbi_map.log.chunks import RECORD, Damaged
 from garbi_map.log.records import Stamps
@@ -60,6 +61,13 @@ class Index:
         """First log time, ns."""
         return min(piece.begin for piece in self.pieces)
 
+    def open(self) -> BinaryIO:
+        """The file, to read."""
+        try:
+            return self.path.open("rb")
+        except OSError as error:
+            raise GarbiError(f"{self.path}: cannot be read: {error.strerror}") from error
+
     def topic(self, channel: int) -> str:
         """Name of a channel's topic."""
         return self.channels[channel].topic
@@ -107,5 +115,5 @@ def has_checksum(file: BinaryIO, piece: Piece) -> bool:
 def read_attachment(index: Index, name: str) -> bytes:
     """The content of an attachment, checksum validated; raises one of DAMAGE."""
     offset, length = index.attachments[name]
-    with index.path.open("rb") as file:
+    with index.open() as file:
         return chunks.attachment_data(chunks.read_at(file, offset, length)[RECORD.size :])

@@ -128,21 +128,21 @@ class Log:
         the log carries no checksum, so that damage there cannot be seen."""
         protected = True
         for index in self._indexes:
-            with index.path.open("rb") as file:
+            with index.open() as file:
                 for piece in index.pieces:
                     try:
                         protected &= has_checksum(file, piece)
                         read_piece(file, piece)
-                    except DAMAGE as error:
+                    except (*DAMAGE, OSError) as error:
                         self._lose_piece(index, piece, chunks.reason(error))
         return protected
 
     def _messages_of(self, index: Index, pieces: list[Piece], wanted: set[int]) -> Iterator[RawMessage]:
-        with index.path.open("rb") as file:
+        with index.open() as file:
             for piece in pieces:
                 try:
                     yield from chunks.messages(read_piece(file, piece), wanted)
-                except DAMAGE as error:
+                except (*DAMAGE, OSError) as error:
                     self._lose_piece(index, piece, chunks.reason(error))
 
     def _lose_piece(self, index: Index, piece: Piece, why: str) -> None:
@@ -162,7 +162,7 @@ class Log:
                 for channel, parts in index.times.items():
                     times.setdefault(index.topic(channel), []).extend(parts)
                 continue
-            with index.path.open("rb") as file:
+            with index.open() as file:
                 for piece in index.pieces:
                     try:
                         found = message_times(file, piece)
