@@ -1,5 +1,7 @@
 """What the reader expects to find in a log."""
 
+from pydantic import Field
+
 from garbi_map.settings import Settings
 
 
@@ -22,3 +24,10 @@ class LogSettings(Settings):
     """How a log is read."""
 
     topics: Topics = Topics()
+    base_frame: str = Field(default="base_link", description="the frame that mounts and odometry are of")
+    clock_tolerance: float = Field(
+        default=10.0, gt=0, description="s; a stamp farther from its arrival, usual clock offset removed, is wild"
+    )
+    reorder: float = Field(
+        default=0.1, ge=0, description="s; messages whose stamps go back by less are sorted, by more left out"
+    )

@@ -1,0 +1,80 @@
+"""Find the files of a log, and read their indexes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import yaml
+
+from garbi_map.errors import GarbiError
+from garbi_map.log.chunks import DAMAGE, MAGIC, reason
+from garbi_map.log.index import Index
+from garbi_map.log.reader import Log
+from garbi_map.log.settings import LogSettings
+from garbi_map.log.summary import index_from_summary
+from garbi_map.log.walk import index_by_walking
+
+
+def open_log(paths: Sequence[Path], settings: LogSettings | None = None) -> Log:
+    """MCAP files and rosbag2 directories as one log; several are read one after the other in the order of their begin.
+
+    Raises GarbiError on a missing file or directory, on what is no MCAP, and on a log without a message.
+    """
+    files = [file for path in paths for file in _files_of(Path(path))]
+    if not files:
+        raise GarbiError("no log given")
+    indexes = sorted((read_index(file) for file in files), key=lambda index: index.begin)
+    return Log(indexes, settings or LogSettings())
+
+
+def _files_of(path: Path) -> list[Path]:
+    if not path.exists():
+        raise GarbiError(f"{path}: no such file or directory")
+    if not path.is_dir():
+        return [path]
+    listing = path / "metadata.yaml"
+    if not listing.exists():
+        raise GarbiError(f"{path}: a directory without metadata.yaml is no rosbag2 log; give its .mcap files by name")
+    try:
+        bag = yaml.safe_load(listing.read_text())["rosbag2_bagfile_information"]
+        storage, names = bag.get("storage_identifier", "mcap"), list(bag["relative_file_paths"])
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, LookupError, TypeError, AttributeError) as error:
+        raise GarbiError(f"{listing}: not the metadata of a rosbag2 log") from error
+    if storage != "mcap":
+        raise GarbiError(f"{path}: rosbag2 storage {storage!r} is not read; convert it to mcap (ros2 bag convert)")
+    if str(bag.get("compression_mode", "")).lower() == "file":
+        raise GarbiError(f"{path}: files compressed as a whole are not read; convert the log (ros2 bag convert)")
+    # only the file's name counts: a listing may carry the recorder's directory, and must not lead out of this one
+    files = [path / Path(str(name)).name for name in names]
+    for file in files:
+        if not file.exists():
+            raise GarbiError(f"{file}: listed in metadata.yaml but missing")
+    if not files:
+        raise GarbiError(f"{listing}: lists no files")
+    return files
+
+
+def read_index(path: Path) -> Index:
+    """The index of a file. Damage goes into its losses; raises GarbiError where it is no MCAP or holds no message."""
+    try:
+        with path.open("rb") as file:
+            size = path.stat().st_size
+            if size == 0:
+                raise GarbiError(f"{path}: the file is empty")
+            sound_start = file.read(len(MAGIC)) == MAGIC
+            try:
+                index = index_from_summary(path, file, size)
+            except DAMAGE as error:
+                if not sound_start:
+                    raise GarbiError(f"{path}: not an MCAP file") from error
+                index = index_by_walking(path, file, size)
+                index.losses.insert(0, f"{path.name}: no index at its end ({reason(error)}); read record by record")
+            if not sound_start:
+                index.losses.append(f"{path.name}: its first bytes are damaged")
+    except OSError as error:
+        raise GarbiError(f"{path}: cannot be read: {error.strerror}") from error
+    if not index.pieces or not index.counts.total():
+        lost = f" that can be read ({index.losses[-1]})" if index.losses else ""
+        raise GarbiError(f"{path}: the log holds no message{lost}")
+    return index
