@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from tools.simulator.route import Reference
-from tools.simulator.scenario import Scenario
 from tools.simulator.vehicle import Command, Vehicle
 
 PERIOD = 0.02  # s, between commands
@@ -28,11 +27,3 @@ def pilot(vehicle: Vehicle, reference: Reference, altitude: float) -> Command:
         pitch=float(np.clip(-0.5 * pitch, -0.2, 0.2)),
     )
 
-
-def fly(scenario: Scenario, reference: Reference) -> Vehicle:
-    """The vehicle after the whole dive and a moment more, so that every sensor has a true value."""
-    x, y, heading, _, _ = reference.at(0.0)
-    vehicle = Vehicle(scenario, np.array([x, y, scenario.altitude]), heading)
-    while vehicle.time < scenario.duration + 0.5:
-        vehicle.step(pilot(vehicle, reference, scenario.altitude), PERIOD)
-    return vehicle

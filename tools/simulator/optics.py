@@ -109,21 +109,19 @@ class Renderer:
     def stripe_lines(self, plane: Plane, view: View) -> list[tuple[LitLine, Floats]]:
         """The slices of the sheet where they land, with the sharp energy (k,) that each ray brings into the image."""
         laser = self.scenario.laser
+        lines = [cast_slice(self.rig, plane, laser, offset, view.cast) for offset in SLICES]
+        return [(line, weight * self.sharp_energy(line, plane, view)) for line, weight in zip(lines, WEIGHTS, strict=True)]
+
+    def sharp_energy(self, line: LitLine, plane: Plane, view: View) -> Floats:
+        """Light (k,), summed over the pixels it falls on, that each ray of a line brings into the image unscattered."""
         spread = 1.0 / (1.0 + plane.tangent**2) * (plane.tangent[1] - plane.tangent[0])  # rad between rays
-        axis = self.rig.camera.rotation[:, 2]
-        lines = []
-        for offset, weight in zip(SLICES, WEIGHTS, strict=True):
-            line = cast_slice(self.rig, plane, laser, offset, view.cast)
-            energy = np.zeros(len(line.range))
-            seen = np.flatnonzero(line.seen)
-            away, point = line.distance[seen], line.point[seen]
-            lens = (point - self.rig.camera.centre) @ axis / away
-            energy[seen] = (
-                self.power * weight * spread[seen] * view.albedo(point) / np.pi * line.cosine[seen] * lens / away**2
-                * np.exp(-self._beam * (line.range[seen] + away))
-            )  # fmt: skip
-            lines.append((line, energy))
-        return lines
+        energy = np.zeros(len(line.range))
+        seen = np.flatnonzero(line.seen)
+        away, point = line.distance[seen], line.point[seen]
+        lens = (point - self.rig.camera.centre) @ self.rig.camera.rotation[:, 2] / away
+        kept = np.exp(-self._beam * (line.range[seen] + away))
+        energy[seen] = self.power * spread[seen] * view.albedo(point) / np.pi * line.cosine[seen] * lens / away**2 * kept
+        return energy
 
     def _test_exposure(self) -> float:
         """Peak of the stripe on mean ground, square to the view, at the exposure range, with unit power."""

@@ -107,10 +107,10 @@ class Camera(Settings):
     width: int = Field(768, ge=16, le=8192)  # pixels
     height: int = Field(576, ge=16, le=8192)  # pixels
     focal: Positive = 800.0  # pixels
-    exposure: Positive = 180.0  # grey level of the stripe's peak on mean ground at exposure_range, in this water
+    exposure: Positive = 150.0  # grey level of the stripe's peak on mean ground at exposure_range, in this water
     exposure_range: Positive = 1.2  # m
     black: NotNegative = 3.0  # grey level without light
-    psf: Positive = 1.2  # pixels, 1 sigma of the lens
+    psf: Positive = 1.4  # pixels, 1 sigma of the lens
     full_well: Positive = 10_000.0  # electrons at grey level 255
     read_noise: NotNegative = 25.0  # electrons
     laser_blue: Share = 0.28  # the laser's crosstalk into the blue pixels
@@ -131,7 +131,7 @@ class Laser(Settings):
     range: tuple[float, float] = (-0.026, 0.672)  # rad, turning points of alpha
     sweep: Positive = 4.0  # s, from one turning point to the next
     round: Share = 0.06  # share of a sweep in which the motor slows down and turns back
-    width: Positive = 0.0009  # m, 1 sigma of the sheet's thickness at its source
+    width: Positive = 0.0013  # m, 1 sigma of the sheet's thickness at its source
     divergence: NotNegative = 0.0004  # rad, by which it grows
     count: Positive = 0.00017453292519943296  # rad, one encoder count
     encoder_rate: Positive = 100.0  # Hz

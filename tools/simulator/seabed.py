@@ -82,11 +82,8 @@ class Scene:
         import open3d as o3d
 
         points, triangles = self.mesh
-        mesh = o3d.geometry.TriangleMesh(
-            o3d.utility.Vector3dVector(points), o3d.utility.Vector3iVector(triangles.astype(np.int32))
-        )
-        tensor = o3d.t.geometry.TriangleMesh.from_legacy(mesh)  # float32: half the size
-        o3d.t.io.write_triangle_mesh(str(path), tensor)
+        mesh = o3d.t.geometry.TriangleMesh(o3d.core.Tensor(points.astype(np.float32)), o3d.core.Tensor(triangles))
+        o3d.t.io.write_triangle_mesh(str(path), mesh)
 
 
 def mover_centre(mover: Mover, time: float) -> Floats:
