@@ -98,7 +98,7 @@ def test_a_disturbed_compass_is_not_believed(begin: float) -> None:
     """20 degrees of yaw for 8 s, at the start, in the middle or at the end: the gyro wins."""
     log = noisy()
     t = seconds(log.imu.stamp_ns)
-    twist = np.where((t >= begin) & (t < begin + 8.0), np.radians(20.0), 0.0)
+    twist = np.where((t >= begin) & (t < begin + 8.0), np.radians(20.0), 0.0)[:, None]
     attitude = Rotation.from_euler("z", twist) * Rotation.from_quat(log.imu.attitude)
     broken = replace(log, imu=replace(log.imu, attitude=attitude.as_quat()))
     result = navigate(broken)
