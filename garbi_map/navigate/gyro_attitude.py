@@ -13,7 +13,8 @@ from garbi_map.navigate.settings import NavigateSettings
 
 _TREND_RATE = 5.0  # Hz: biases are slow, more samples would only repeat themselves
 _BIAS_KNOTS = 120.0  # s between the knots of a bias that may wander
-_ROUNDS = 4
+_HORIZON = 60.0  # s that are fitted first; four times as many in each next stage, lest a biased gyro wraps around
+_ROUNDS = 2
 _REWEIGHTINGS = 8
 _SWAY_TIME = 2.0  # s, for which the vehicle's own acceleration keeps its direction
 
@@ -74,9 +75,10 @@ class _Trend:
 
     def solve(self) -> GyroAttitude:
         start = self._first_start(self._integrated())
-        for _ in range(_ROUNDS):
-            path = start * self._integrated()
-            change, covariance, columns = self._solve_linear(path)
+        duration = float(self.seconds[-1])
+        stages = max(0, int(np.ceil(np.log(max(duration, 1.0) / _HORIZON) / np.log(4.0)))) + 1
+        for horizon in np.repeat(_HORIZON * 4.0 ** np.arange(stages), _ROUNDS):
+            change, covariance, columns = self._solve_linear(start * self._integrated(), horizon)
             start = Rotation.from_rotvec(change[:3]) * start
             self.bias += change[3:].reshape(-1, 3)
         path = start * self._integrated()
@@ -117,6 +119,7 @@ class _Trend:
         if self.reference == "none":
             return Rotation.identity()
         picked = self.coarse[self.used]
+        picked = picked[self.seconds[picked] <= self.seconds[picked[0]] + _HORIZON]
         if self.reference == "attitude topic":
             votes = Rotation.from_quat(self.series.attitude[picked]) * integrated[picked].inv()
             middle = votes.mean()
@@ -137,8 +140,11 @@ class _Trend:
         size = np.maximum(np.linalg.norm(force, axis=1), 1.0)
         return np.stack([force[:, 1] / size, -force[:, 0] / size, np.zeros(len(rows))], axis=1)
 
-    def _solve_linear(self, path: Rotation) -> tuple[Floats, Floats, Floats]:
-        """One Gauss-Newton step: the change (3 + 3K,), its covariance, and the model's columns (n, 3, 3 + 3K)."""
+    def _solve_linear(self, path: Rotation, horizon: float) -> tuple[Floats, Floats, Floats]:
+        """One Gauss-Newton step on the data before `horizon` seconds.
+
+        Gives the change (3 + 3K,), its covariance, and the model's columns (n, 3, 3 + 3K).
+        """
         settings = self.settings
         seconds = self.seconds[self.coarse]
         step = np.diff(seconds, prepend=seconds[0])[:, None, None, None]
@@ -148,8 +154,9 @@ class _Trend:
         columns = np.concatenate([np.broadcast_to(np.eye(3), (len(seconds), 3, 3)), drift], axis=2)
         prior = self._prior()
         normal, right = prior.copy(), -prior @ np.concatenate([np.zeros(3), self.bias.ravel()])
-        if self.reference != "none" and self.used.any():
-            residual, fit = self._residual(path, self.coarse[self.used]), columns[self.used]
+        used = self.used & (seconds <= horizon)
+        if self.reference != "none" and used.any():
+            residual, fit = self._residual(path, self.coarse[used]), columns[used]
             if self.reference == "attitude topic":
                 sigma = np.maximum(self.series.attitude_sigma, self.floor)
                 memory, axes = settings.attitude_time, slice(0, 3)

@@ -166,8 +166,6 @@ def _path(
     error = left_error[after - 1] * (1.0 - weight) + right_error[after] * weight
     on_node = np.isin(rows, nodes)
     error[on_node] = left_error[np.searchsorted(nodes, rows[on_node])]
-    covariance = smoothed.pose[after - 1] * (1.0 - weight[:, :, None]) + smoothed.pose[after] * weight[:, :, None]
-
     arm = inertial.lever_arm if inertial else np.zeros(3)
     rotation = Rotation.from_rotvec(error[:, 6:9]) * Rotation.from_quat(forward.quaternion[rows])
     reach = rotation.apply(arm)
@@ -175,10 +173,12 @@ def _path(
     rate = base.rate[rows] - np.stack([np.interp(rows, nodes, column) for column in smoothed.biases[:, 0:3].T], axis=1)
     spin = rotation.apply(np.where(base.rate_known[rows, None], rate, 0.0))
     velocity = forward.velocity[rows] + error[:, 3:6] - np.cross(spin, reach)
-    lever = np.tile(np.eye(6), (len(rows), 1, 1))
-    lever[:, :3, 3:] = _cross_matrices(reach)
+    lever = np.tile(np.eye(6), (len(nodes), 1, 1))
+    lever[:, :3, 3:] = _cross_matrices(reach[on_node])
+    at_nodes = lever @ smoothed.pose @ lever.transpose(0, 2, 1)
+    covariance = at_nodes[after - 1]
+    covariance += (at_nodes[after] - covariance) * weight[:, :, None]
     position -= [*position[0, :2], 0.0 if has_depth else position[0, 2]]
-    covariance = lever @ covariance @ lever.transpose(0, 2, 1)
     return Trajectory(base.stamp_ns[rows], position, rotation.as_quat(), covariance), velocity
 
 
