@@ -27,7 +27,9 @@ def without_attitude(log: Navigation) -> Navigation:
 
 def test_a_constant_bias_is_removed_exactly() -> None:
     """Perfect topic, biased gyro: the bias to a microradian per second, the attitude to a tenth of a milliradian."""
-    found = gyro_attitude(build(30.0, Errors(gyro_bias=BIAS)), SETTINGS)
+    log = build(30.0, Errors(gyro_bias=BIAS))
+    log = replace(log, imu=replace(log.imu, specific_force=np.full_like(log.imu.rate, np.nan)))
+    found = gyro_attitude(log, NavigateSettings(gyro_bias=0.1))
     assert found is not None
     assert found.reference == "attitude topic"
     assert np.abs(found.bias - BIAS).max() < 2e-5
@@ -65,7 +67,7 @@ def test_gravity_levels_where_there_is_no_topic() -> None:
     made = Rotation.from_quat(found.quaternion).as_euler("ZYX")
     assert np.abs(made[:, 1:] - true[:, 1:]).max() < 0.02
     assert abs(made[0, 0]) < 0.01
-    assert found.bias_sigma[2] > 10.0 * found.bias_sigma[0]
+    assert found.bias_sigma[2] > 4.0 * found.bias_sigma[0]
 
 
 def test_a_gyro_alone_starts_level() -> None:
