@@ -10,32 +10,13 @@ from scipy.stats import chi2
 
 from garbi_map.log.records import Floats
 from garbi_map.navigate.inertial import Inertial
-from garbi_map.navigate.kernels import cross_matrix, matrix, propagate, turn
-from garbi_map.navigate.observations import (
-    ACCELEROMETER_BIAS,
-    ATTITUDE,
-    GYRO_BIAS,
-    POSITION,
-    SCALE,
-    STATES,
-    TOPIC,
-    VELOCITY,
-    Nominal,
-    Source,
-)
+from garbi_map.navigate.kernels import matrix, propagate, turn
+from garbi_map.navigate.observations import Nominal, Source
+from garbi_map.navigate.process import ProcessModel, Step
 from garbi_map.navigate.settings import NavigateSettings
+from garbi_map.navigate.start import Start
+from garbi_map.navigate.states import ATTITUDE, GYRO_BIAS, POSITION, STATES, TOPIC, VELOCITY
 from garbi_map.navigate.timebase import Timebase
-
-
-@dataclass
-class Start:
-    """The state at the first sample and what is known of it: covariance (STATES, STATES)."""
-
-    position: Floats
-    velocity: Floats
-    quaternion: Floats
-    gyro_bias: Floats
-    covariance: Floats
 
 
 @dataclass
@@ -54,15 +35,19 @@ class Tally:
 
 @dataclass(frozen=True)
 class Node:
-    """One step of the forward pass: the nominal state's biases after the update, `correction` (STATES,) that the update
-    folded into the nominal state, covariance after the update, and transition and process noise that led here."""
+    """One step of the forward pass, small enough to keep for every step of a long dive.
+
+    step         how the filter came here
+    correction   (STATES,) what the update folded into the nominal state
+    biases       (STATES - 9,) of the nominal state after the update
+    covariance   upper triangle of the covariance after the update
+    """
 
     sample: int
-    biases: Floats
+    step: Step
     correction: Floats
+    biases: Floats
     covariance: Floats
-    transition: Floats
-    noise: Floats
 
 
 class ErrorStateFilter:
@@ -89,29 +74,25 @@ class ErrorStateFilter:
         self.kalman.x, self.kalman.P = np.zeros(STATES), start.covariance.copy()
         self.tallies = {source.name: Tally() for source in sources}
         self._gates = {d: float(chi2.ppf(settings.gate, d)) for d in (1, 2, 3)}
-        self._gyro = np.mean(inertial.rate_noise**2) if inertial else 0.0
-        self._accelerometer = np.mean(inertial.force_noise**2) if inertial else 0.0
-        self._topic_sigma = np.maximum(
-            inertial.attitude_sigma if inertial else np.zeros(3),
-            [settings.attitude_tilt, settings.attitude_tilt, settings.attitude_yaw],
-        )
+        self.model = ProcessModel(inertial, settings)
 
     def run(self) -> Iterator[Node]:
         """One node after another; what has been measured since the node before is folded in at each."""
         nodes = self.base.nodes
         queue = self._in_time_order()
         waiting = next(queue, None)
-        transition, noise = np.eye(STATES), np.zeros((STATES, STATES))
+        step, transition = Step(0.0, np.eye(9, 15), 0.0, 0.0), np.eye(STATES)
+        triangle = np.triu_indices(STATES)
         for order, sample in enumerate(nodes):
             before = nodes[order - 1] if order else 0
             if order:
-                transition, noise = self._predict(before, sample)
+                step, transition = self._predict(before, sample)
             due: list[tuple[int, int]] = []
             while waiting is not None and self.base.stamp_ns[sample] >= waiting[0]:
                 due.append(waiting[1:])
                 waiting = next(queue, None)
             correction = self._update(due, before, sample, transition)
-            yield Node(sample, self.biases.copy(), correction, self.kalman.P.copy(), transition, noise)
+            yield Node(sample, step, correction, self.biases.copy(), self.kalman.P[triangle])
 
     def _in_time_order(self) -> Iterator[tuple[int, int, int]]:
         """(stamp_ns, source, index) of every measurement."""
@@ -123,9 +104,8 @@ class ErrorStateFilter:
         for i in np.argsort(stamps, kind="stable"):
             yield int(stamps[i]), int(which[i]), int(index[i])
 
-    def _predict(self, first: int, last: int) -> tuple[Floats, Floats]:
-        base, settings = self.base, self.settings
-        seconds = base.seconds[last] - base.seconds[first]
+    def _predict(self, first: int, last: int) -> tuple[Step, Floats]:
+        base = self.base
         jacobian, no_rate, no_force = propagate(
             first,
             last,
@@ -136,29 +116,16 @@ class ErrorStateFilter:
             base.force_known,
             self.biases[0:3],
             self.biases[3:6],
-            settings.gravity,
+            self.settings.gravity,
             self.position,
             self.velocity,
             self.quaternion,
         )
-        transition = np.eye(STATES)
-        transition[:9, :15] = jacobian
-        decay = np.exp(-seconds / settings.attitude_time)
-        transition[TOPIC, TOPIC] *= decay
-        self.biases[6:9] *= decay
-        noise = np.zeros((STATES, STATES))
-        diagonal = np.einsum("ii->i", noise)
-        push = self._accelerometer * (seconds - no_force) + settings.acceleration**2 * no_force
-        diagonal[POSITION], diagonal[VELOCITY] = push * seconds**2 / 3.0, push
-        for axis in range(3):
-            noise[axis, 3 + axis] = noise[3 + axis, axis] = push * seconds / 2.0
-        diagonal[ATTITUDE] = self._gyro * (seconds - no_rate) + settings.turn_rate**2 * no_rate
-        diagonal[GYRO_BIAS] = settings.gyro_bias_walk**2 * seconds
-        diagonal[ACCELEROMETER_BIAS] = settings.accelerometer_bias_walk**2 * seconds
-        diagonal[TOPIC] = self._topic_sigma**2 * (1.0 - decay**2)
-        diagonal[SCALE] = (settings.dvl_scale * 1e-4) ** 2 * seconds
-        self.kalman.predict(F=transition, Q=noise)
-        return transition, noise
+        step = Step(base.seconds[last] - base.seconds[first], jacobian, no_rate, no_force)
+        transition = self.model.transition(step)
+        self.biases[TOPIC.start - 9 : TOPIC.stop - 9] *= self.model.decay(step)
+        self.kalman.predict(F=transition, Q=self.model.noise(step))
+        return step, transition
 
     def _nominal(self, stamp_ns: int, first: int, last: int) -> Nominal:
         """The predicted state at a moment between two nodes."""
@@ -227,20 +194,3 @@ class ErrorStateFilter:
         tally.accepted += 1
         tally.first_refusal = None
         return True
-
-
-def start_covariance(
-    quaternion: Floats, arm: Floats, sigma: dict[str, Floats], topic_sigma: Floats, settings: NavigateSettings
-) -> Floats:
-    """Covariance (STATES, STATES) of a start that knows base_link, not the IMU at `arm`, to sigma["position"].
-
-    sigma: 1 sigma (3,) of "position" m, "velocity" m/s, "attitude" rad.
-    """
-    diagonal = np.zeros(STATES)
-    diagonal[POSITION], diagonal[VELOCITY] = sigma["position"], sigma["velocity"]
-    diagonal[ATTITUDE] = sigma["attitude"]
-    diagonal[GYRO_BIAS], diagonal[ACCELEROMETER_BIAS] = settings.gyro_bias, settings.accelerometer_bias
-    diagonal[TOPIC], diagonal[SCALE] = topic_sigma, settings.dvl_scale
-    lever = np.eye(STATES)
-    lever[POSITION, ATTITUDE] = -cross_matrix(matrix(quaternion) @ arm)
-    return lever @ np.diag(diagonal**2) @ lever.T

@@ -155,7 +155,7 @@ def _clipped(values: Floats) -> Flags:
         top = size == peak
         equal = column[1:] == column[:-1]
         elsewhere = ~(top[1:] & top[:-1])
-        if peak == 0.0 or top.mean() > 0.2 or (equal & elsewhere).sum() > 0.01 * max(elsewhere.sum(), 1):
+        if peak == 0.0 or top.mean() > 0.9 or (equal & elsewhere).sum() > 0.01 * max(elsewhere.sum(), 1):
             continue
         three = top[:-2] & top[1:-1] & top[2:]
         if three.any():

@@ -19,12 +19,12 @@ from garbi_map.navigate.timebase import Timebase, make_timebase, pick
 from garbi_map.navigate.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from garbi_map.navigate.eskf import ErrorStateFilter, Start
+    from garbi_map.navigate.eskf import ErrorStateFilter
     from garbi_map.navigate.observations import Source
     from garbi_map.navigate.smoother import Smoothed
 
+_DENSE_NS = 20_000_000  # ns between poses at most
 _HONEST = (0.4, 2.5)  # typical ratio of squared innovation to expectation beyond which a stated noise is not believed
-_EXACT = 1e-4  # m and rad: what is so by definition, such as where the first pose is
 
 
 @dataclass(frozen=True)
@@ -79,8 +79,7 @@ def _from_odometry(
 ) -> NavigationResult:
     assert log.odometry is not None
     poses = odometry_trajectory(log.odometry, settings)
-    dense = np.arange(span[0], span[1], 20_000_000)
-    trajectory = poses.at(np.unique(np.concatenate([poses.stamp_ns, dense, asked])))
+    trajectory = poses.at(_dense(np.union1d(poses.stamp_ns, span), asked))
     seconds = (trajectory.stamp_ns - trajectory.stamp_ns[0]) * 1e-9
     velocity = (
         np.gradient(trajectory.position, seconds, axis=0) if len(seconds) > 1 else np.zeros_like(trajectory.position)
@@ -100,69 +99,30 @@ def _from_filter(
     from garbi_map.navigate.eskf import ErrorStateFilter
     from garbi_map.navigate.observations import make_sources
     from garbi_map.navigate.smoother import smooth
+    from garbi_map.navigate.start import first_guess
 
     base = make_timebase(inertial, *span, settings)
     sources = make_sources(log, inertial, attitude.disturbed if attitude else None, *span, settings)
-    start = _start(inertial, attitude, sources, settings)
-    window, lag = int(settings.window * settings.node_rate), int(settings.lag * settings.node_rate)
+    start = first_guess(inertial, attitude, sources, settings)
     forward = ErrorStateFilter(base, inertial, sources, start, settings)
-    smoothed = smooth(forward.run(), window, lag)
+    smoothed = smooth(list(forward.run()), forward.model)
     believed, factors = _believed(forward, sources)
     if factors:
         forward = ErrorStateFilter(base, inertial, believed, start, settings)
-        smoothed = smooth(forward.run(), window, lag)
+        smoothed = smooth(list(forward.run()), forward.model)
     trajectory, velocity = _path(base, forward, smoothed, inertial, bool(log.pressure is not None), settings)
-    stamps = np.union1d(trajectory.stamp_ns, asked)
+    stamps = _dense(trajectory.stamp_ns, asked)
     full = trajectory.at(stamps)
     at = [np.interp(stamps - stamps[0], trajectory.stamp_ns - stamps[0], column) for column in velocity.T]
     report = filter_report(log, settings, inertial, attitude, forward, smoothed, factors)
     return NavigationResult(full, np.stack(at, axis=1), report, inertial, attitude)
 
 
-def _start(
-    inertial: Inertial | None, attitude: GyroAttitude | None, sources: list[Source], settings: NavigateSettings
-) -> Start:
-    """First guess and how far it may be off: wide where a sensor will say, exact where the map is defined by it."""
-    from garbi_map.navigate.eskf import Start, start_covariance
-
-    by_name = {source.name: source for source in sources}
-    quaternion, bias = np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(3)
-    arm = inertial.lever_arm if inertial else np.zeros(3)
-    if attitude is not None:
-        quaternion, bias = attitude.quaternion[0], attitude.bias_series[0]
-    elif "yaw" in by_name:
-        quaternion = by_name["tilt"].value[0]
-    has_topic = "yaw" in by_name
-    tilt = 0.2 if has_topic or attitude is not None else settings.tilt
-    position, sigma = Rotation.from_quat(quaternion).apply(arm), np.full(3, _EXACT)
-    if "fixes" in by_name:
-        rows = by_name["fixes"].value.shape[1]
-        position[:rows] += by_name["fixes"].value[0]
-        sigma[:rows] = 5.0 * np.sqrt(by_name["fixes"].variance[0].max()) + 1.0
-    if "pressure" in by_name:
-        position[2] = by_name["pressure"].value[0, 0]
-        sigma[2] = 1.0
-    velocity = np.zeros(3)
-    if "dvl" in by_name:
-        # a DVL ping linearised about standstill would not see that its velocity turns with the yaw, and the next one
-        # would then take the difference for knowledge of the yaw
-        velocity = Rotation.from_quat(quaternion).apply(np.median(by_name["dvl"].value[:5], axis=0))
-    measured = "dvl" in by_name or "fixes" in by_name
-    covariance = start_covariance(
-        quaternion,
-        arm,
-        {
-            "position": sigma,
-            "velocity": np.full(3, settings.speed * (5.0 if measured else 1.0)),
-            "attitude": np.array([tilt, tilt, 0.5 if has_topic else _EXACT]),
-        },
-        np.maximum(
-            inertial.attitude_sigma if inertial else 0.0,
-            [settings.attitude_tilt, settings.attitude_tilt, settings.attitude_yaw],
-        ),
-        settings,
-    )
-    return Start(position, velocity, quaternion, bias, covariance)
+def _dense(stamps: Stamps, asked: Stamps) -> Stamps:
+    """Own and asked stamps, and more in between wherever they are farther apart than 20 ms."""
+    sparse = np.flatnonzero(np.diff(stamps) > _DENSE_NS)
+    between = [np.arange(stamps[i], stamps[i + 1], _DENSE_NS) for i in sparse]
+    return np.unique(np.concatenate([stamps, asked, *between]))
 
 
 def _believed(forward: ErrorStateFilter, sources: list[Source]) -> tuple[list[Source], dict[str, float]]:
@@ -206,8 +166,6 @@ def _path(
     error = left_error[after - 1] * (1.0 - weight) + right_error[after] * weight
     on_node = np.isin(rows, nodes)
     error[on_node] = left_error[np.searchsorted(nodes, rows[on_node])]
-    covariance = smoothed.pose[after - 1] * (1.0 - weight[:, :, None]) + smoothed.pose[after] * weight[:, :, None]
-
     arm = inertial.lever_arm if inertial else np.zeros(3)
     rotation = Rotation.from_rotvec(error[:, 6:9]) * Rotation.from_quat(forward.quaternion[rows])
     reach = rotation.apply(arm)
@@ -215,10 +173,12 @@ def _path(
     rate = base.rate[rows] - np.stack([np.interp(rows, nodes, column) for column in smoothed.biases[:, 0:3].T], axis=1)
     spin = rotation.apply(np.where(base.rate_known[rows, None], rate, 0.0))
     velocity = forward.velocity[rows] + error[:, 3:6] - np.cross(spin, reach)
-    lever = np.tile(np.eye(6), (len(rows), 1, 1))
-    lever[:, :3, 3:] = _cross_matrices(reach)
+    lever = np.tile(np.eye(6), (len(nodes), 1, 1))
+    lever[:, :3, 3:] = _cross_matrices(reach[on_node])
+    at_nodes = lever @ smoothed.pose @ lever.transpose(0, 2, 1)
+    covariance = at_nodes[after - 1]
+    covariance += (at_nodes[after] - covariance) * weight[:, :, None]
     position -= [*position[0, :2], 0.0 if has_depth else position[0, 2]]
-    covariance = lever @ covariance @ lever.transpose(0, 2, 1)
     return Trajectory(base.stamp_ns[rows], position, rotation.as_quat(), covariance), velocity
 
 

@@ -13,13 +13,7 @@ from garbi_map.navigate.inertial import Flags, Inertial
 from garbi_map.navigate.kernels import cross_matrix, difference
 from garbi_map.navigate.settings import NavigateSettings
 from garbi_map.navigate.span import within
-
-# The error-state: position and velocity of the IMU (map), attitude (map axes), gyro bias and accelerometer bias
-# (base_link axes), slow error of the attitude topic (map axes), scale error of the DVL.
-POSITION, VELOCITY, ATTITUDE = slice(0, 3), slice(3, 6), slice(6, 9)
-GYRO_BIAS, ACCELEROMETER_BIAS, TOPIC = slice(9, 12), slice(12, 15), slice(15, 18)
-SCALE = 18
-STATES = 19
+from garbi_map.navigate.states import ATTITUDE, GYRO_BIAS, POSITION, SCALE, STATES, TOPIC, VELOCITY
 
 _DVL_MEDIAN = 7  # pings
 _DVL_JUMP = 0.3  # m/s between a ping and the median of its neighbours that no vehicle of this kind does

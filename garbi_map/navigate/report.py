@@ -79,7 +79,7 @@ def _imu_report(inertial: Inertial | None, attitude: GyroAttitude | None) -> dic
 
 def _bias_report(smoothed: Smoothed, inertial: Inertial | None, log: Navigation) -> dict[str, Any]:
     """Value and 1 sigma in the middle of the dive."""
-    middle = len(smoothed.sample) // 2
+    middle = len(smoothed.sigma) // 2
     value, sigma = smoothed.biases[middle], smoothed.sigma[middle, 9:]
     out: dict[str, Any] = {}
     if inertial is not None:

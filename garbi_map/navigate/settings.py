@@ -19,8 +19,6 @@ class NavigateSettings(Settings):
     output_rate: PositiveFloat = Field(
         default=100.0, ge=10.0, description="Hz, at most this many poses per second come out"
     )
-    window: PositiveFloat = Field(default=240.0, description="s, smoothed at once; bounds the memory of long dives")
-    lag: PositiveFloat = Field(default=60.0, description="s of later data that every smoothed pose has seen")
     gap: PositiveFloat = Field(default=0.1, description="s, a longer pause of the IMU is a gap")
     longest_gap: PositiveFloat = Field(
         default=600.0, description="s, stamps beyond such a pause belong to another dive"
@@ -39,6 +37,7 @@ class NavigateSettings(Settings):
     attitude_time: PositiveFloat = Field(default=20.0, description="s, correlation time of the slow part")
     dvl_noise: PositiveFloat = Field(default=2e-3, description="m/s, floor")
     dvl_scale: PositiveFloat = Field(default=0.01, description="1 sigma of the DVL's scale error")
+    dvl_scale_walk: PositiveFloat = Field(default=1e-6, description="1/sqrt(s)")
     pressure_noise: PositiveFloat = Field(default=1e-3, description="m of water, floor")
     fix_noise: PositiveFloat = Field(default=0.01, description="m, floor of an absolute position")
     gate: float = Field(

@@ -41,13 +41,15 @@ class Trajectory:
         before = np.maximum(after - 1, 0)
         weight = (held - self.stamp_ns[before]) / np.maximum(self.stamp_ns[after] - self.stamp_ns[before], 1)
         w1, w2 = weight[:, None], weight[:, None, None]
+        covariance = self.covariance[before]
+        covariance += (self.covariance[after] - covariance) * w2
         start = Rotation.from_quat(self.quaternion[before])
         arc = (start.inv() * Rotation.from_quat(self.quaternion[after])).as_rotvec()
         return Trajectory(
             asked,
             self.position[before] * (1 - w1) + self.position[after] * w1,
             (start * Rotation.from_rotvec(arc * w1)).as_quat(),
-            self.covariance[before] * (1 - w2) + self.covariance[after] * w2,
+            covariance,
         )
 
     def mounted(self, mount: Mount) -> Trajectory:
