@@ -26,7 +26,7 @@ INTERVAL = 1.0  # s, of the relative pose error
 
 @dataclass(frozen=True)
 class Truth:
-    """What is known, or None: the trajectory, the surface (vertices (v, 3), triangles (t, 3)), places seen (s, 3); m."""
+    """What is known, or None: trajectory, surface (vertices (v, 3), triangles (t, 3)), places seen (s, 3); m."""
 
     trajectory: Trajectory | None = None
     surface: tuple[Floats, NDArray[np.int32]] | None = None
@@ -126,7 +126,7 @@ def _compare_trajectories(made: Trajectory, true: Trajectory) -> tuple[Trajector
 
 
 def _relative_errors(made: Trajectory, true: Trajectory) -> tuple[Floats, Floats]:
-    """How wrong the motion over every INTERVAL is: metres and radians (k,) (Sturm et al., RGB-D SLAM benchmark, 2012)."""
+    """How wrong the motion over every INTERVAL is: metres and radians (k,) (Sturm et al., IROS 2012)."""
     later = np.searchsorted(made.stamp_ns, made.stamp_ns + round(INTERVAL * 1e9))
     first = np.flatnonzero(later < len(later))
     last = later[first]

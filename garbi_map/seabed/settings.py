@@ -40,7 +40,4 @@ class SeabedSettings(Settings):
     agreement_window: float = Field(
         default=0.16, gt=0.0, description="m; sweeps are compared with their covariances over squares of this side"
     )
-    fill_holes: float = Field(
-        default=0.02, ge=0.0, description="m; holes of the mesh up to this width are closed, and flagged"
-    )
     outliers: OutlierSettings = OutlierSettings()
