@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from garbi_map.navigate.trajectory import Trajectory
+from garbi_map.seabed import Seabed
 from garbi_map.sweep.types import Sweep
 
 Floats = NDArray[np.float64]
 Height = Callable[[Floats, Floats], Floats]
 
 ALTITUDE = 1.5  # of the rig's origin above z = 0, m
-LOOKING_DOWN = Rotation.from_matrix([[0, 0, 1], [0, 1, 0], [-1, 0, 0]])  # map <- rig: X down, Y north... Z east
+LOOKING_DOWN = Rotation.from_matrix([[0, 0, 1], [0, 1, 0], [-1, 0, 0]])  # map <- rig: X down, Y north, Z east
 
 
 def scan(
@@ -72,3 +74,21 @@ def dome(x: Floats, y: Floats, centre: tuple[float, float] = (0.3, 0.3), radius:
     """A half sphere on a level floor."""
     rest = radius**2 - (x - centre[0]) ** 2 - (y - centre[1]) ** 2
     return np.sqrt(np.maximum(rest, 0.0))
+
+
+def snowed(sweep: Sweep, flakes: int, seed: int = 0) -> tuple[Sweep, NDArray[np.bool_]]:
+    """The sweep with so many flakes of 1 to 5 rows between the rig and the floor, and which points they are."""
+    rng = np.random.default_rng(seed)
+    share = np.ones(len(sweep.points))
+    for start, rows, where in zip(
+        rng.integers(0, len(share), flakes), rng.integers(1, 6, flakes), rng.uniform(0.3, 0.95, flakes), strict=True
+    ):
+        mine = slice(start, start + rows)
+        share[mine][sweep.profile[mine] == sweep.profile[start]] = where
+    return replace(sweep, points=sweep.points * share[:, None]), share < 1
+
+
+def error(seabed: Seabed, height: Height) -> Floats:
+    """Elevation less the truth at the cells' centres, NaN where there is no data."""
+    x, y = np.meshgrid(*seabed.centres())
+    return seabed.elevation - height(x, y)

@@ -13,16 +13,14 @@ from garbi_map.export.aside import written_aside
 from garbi_map.export.georeference import Georeference
 from garbi_map.seabed.types import AcceptedPoints
 
-GPS_EPOCH_UNIX = 315_964_800  # 1980-01-06 00:00 UTC, s
-GPS_ADJUSTMENT = 1_000_000_000  # LAS stores gps_time less this, s, so that a double resolves 0.1 microseconds
-_INTENSITY_STEPS = 257  # 0..255 to the 16 bits of LAS
+_INTENSITY_STEPS = 256  # 0..255 to the 16 bits of LAS
 
 
 class CloudWriter:
     """A context manager that writes points sweep by sweep into one LAZ 1.4 file, complete or absent.
 
-    Point format 6: gps_time (adjusted standard GPS time without leap seconds: Unix time - 315964800 - 1e9), intensity
-    (0..255 stretched to 16 bits), extra dimension `sigma` (float32, m, 1 sigma). Memory is that of one sweep.
+    Point format 6: gps_time (the stamp of the profile as in trajectory.tum and the log, s since 1970), intensity
+    (256 times the stripe's), extra dimension `sigma` (float32, m, 1 sigma). Memory is that of one sweep.
 
     Raises GarbiError where the file cannot be written.
     """
@@ -63,8 +61,7 @@ class CloudWriter:
         # steps counted in float64 near zero: the offset takes the large part
         steps = np.rint((points.points + (shift - self._header.offsets)) / self._scale).astype(np.int32)
         record["X"], record["Y"], record["Z"] = steps.T
-        seconds = points.stamp_ns - (GPS_EPOCH_UNIX + GPS_ADJUSTMENT) * 1_000_000_000
-        record["gps_time"] = seconds * 1e-9
+        record["gps_time"] = points.stamp_ns * 1e-9
         record["intensity"] = np.clip(points.intensity * _INTENSITY_STEPS, 0, 65535).astype(np.uint16)
         record["sigma"] = points.sigma
         record["return_number"][:] = 1
@@ -79,7 +76,6 @@ class CloudWriter:
         header.scales = np.full(3, self._scale)
         header.offsets = offset
         header.generating_software = "garbi"
-        header.global_encoding.gps_time_type = laspy.header.GpsTimeType.STANDARD
         header.global_encoding.wkt = True
         header.add_extra_dim(laspy.ExtraBytesParams("sigma", "float32", description="m, 1 sigma along the ray"))
         header.vlrs.append(laspy.vlrs.known.WktCoordinateSystemVlr(self._reference.wkt))

@@ -162,7 +162,7 @@ def timeline(title: str, spans: Sequence[tuple[str, float, float, str]]) -> str:
 
 def _path(points: NDArray[np.float64]) -> str:
     """An SVG path through points (n, 2), begun anew after NaN."""
-    good: NDArray[np.bool_] = np.isfinite(points).all(axis=1)
+    good = np.isfinite(points[:, 0]) & np.isfinite(points[:, 1])
     begins = good & ~np.r_[False, good[:-1]]
     return "".join(
         f"{'M' if begin else 'L'}{x:.1f} {y:.1f}" for (x, y), begin in zip(points[good], begins[good], strict=True)

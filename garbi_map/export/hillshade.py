@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from garbi_map.export.aside import written_aside
 from garbi_map.export.palette import depth_colours, height_range
 from garbi_map.export.settings import ExportSettings
-from garbi_map.seabed.types import Seabed
+from garbi_map.seabed import Seabed, fill_holes
 
 _PAPER = (255, 255, 255)
 _VOID = (238, 240, 242)
@@ -33,12 +33,13 @@ def png(picture: NDArray[np.uint8]) -> bytes:
 
 def hillshade(seabed: Seabed, settings: ExportSettings, title: str) -> NDArray[np.uint8]:
     """The picture (rows, columns, 3), blue, green, red: map, scale bar, north arrow, depth legend and title."""
-    elevation, cell = fitted(seabed.elevation, seabed.cell, settings.hillshade_pixels)
+    elevation, _ = fill_holes(seabed.elevation, round(settings.widest_hole / seabed.cell))
+    elevation, cell = fitted(elevation, seabed.cell, settings.hillshade_pixels)
     low, high = height_range(elevation)
     shade = relief(elevation, cell, settings.sun_azimuth, settings.sun_elevation, settings.exaggeration)
     colours = depth_colours(elevation, low, high)[..., ::-1] * shade[..., None]
     relief_map = np.where(np.isfinite(elevation)[..., None], np.clip(colours, 0, 255), _VOID).astype(np.uint8)[::-1]
-    return _framed(relief_map, cell, low, high, title)
+    return _framed(relief_map, cell, low, high, title, settings.widest_hole)
 
 
 def fitted(band: NDArray[np.float32], cell: float, pixels: int) -> tuple[NDArray[np.float32], float]:
@@ -74,7 +75,9 @@ def relief(
     return (0.35 + 0.65 * np.minimum(lit, 1.5)).astype(np.float32)
 
 
-def _framed(picture: NDArray[np.uint8], pixel: float, low: float, high: float, title: str) -> NDArray[np.uint8]:
+def _framed(
+    picture: NDArray[np.uint8], pixel: float, low: float, high: float, title: str, hole: float
+) -> NDArray[np.uint8]:
     """The map on paper, with what is needed to read it."""
     import cv2
 
@@ -92,6 +95,8 @@ def _framed(picture: NDArray[np.uint8], pixel: float, low: float, high: float, t
 
     write(_shortened(title, round(1.6 * (width + legend) / size / 1.3)), left, margin + 0.5 * size, 600, 1.3)
     _scale_bar(page, left, top + height + 2 * size, picture.shape[1] * pixel, pixel, size, write)
+    note = f"map frame: x to the right, y up; grey was not seen, holes up to {metres(hole)} are interpolated"
+    write(note, left, top + height + 4.4 * size, 400, 0.8)
     _legend(page, left + width + 2 * size, top + 4 * size, height - 5 * size, low, high, size, write)
     tip = (left + width + 2 * size + size // 2, top)
     cv2.arrowedLine(page, (tip[0], tip[1] + 2 * size), tip, _INK, max(2, size // 8), cv2.LINE_AA, 0, 0.35)
@@ -108,7 +113,6 @@ def _scale_bar(page: NDArray, left: int, y: int, extent: float, pixel: float, si
     cv2.rectangle(page, (left, y), (end, y + size // 3), _INK, 1, cv2.LINE_AA)
     cv2.rectangle(page, (left, y), ((left + end) // 2, y + size // 3), _INK, -1, cv2.LINE_AA)
     write(metres(length), end + 0.6 * size, y + 0.6 * size)
-    write("map frame: x to the right, y up; grey was not seen", left, y + 2.4 * size, 400, 0.8)
 
 
 def _legend(page: NDArray, x: int, y: int, height: int, low: float, high: float, size: int, write: Any) -> None:

@@ -1,6 +1,7 @@
 """The seabed: accepted points with sigma, an elevation grid with its uncertainty, a mesh."""
 
 from garbi_map.seabed.builder import SeabedBuilder, build_seabed
+from garbi_map.seabed.holes import fill_holes
 from garbi_map.seabed.mesh import triangulate
 from garbi_map.seabed.settings import OutlierSettings, SeabedSettings
 from garbi_map.seabed.surface import SurfaceGrid
@@ -16,5 +17,6 @@ __all__ = [
     "SurfaceGrid",
     "Verdict",
     "build_seabed",
+    "fill_holes",
     "triangulate",
 ]

@@ -6,11 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from garbi_map.errors import GarbiError
+from garbi_map.seabed.holes import fill_holes
 from garbi_map.seabed.types import Mesh, Seabed
 
 
-def triangulate(seabed: Seabed, max_triangles: int = 500_000, fill_holes: float = 0.0) -> Mesh:
-    """Triangles between the centres of neighbouring known cells; none across a hole wider than `fill_holes` metres.
+def triangulate(seabed: Seabed, max_triangles: int = 500_000, widest_hole: float = 0.0) -> Mesh:
+    """Triangles between the centres of neighbouring known cells; none across a hole wider than `widest_hole` metres.
 
     Where there would be more triangles than asked for, cells are averaged 2 x 2, 3 x 3, ... first.
     Raises GarbiError when the grid is too small for a single triangle.
@@ -25,8 +26,8 @@ def triangulate(seabed: Seabed, max_triangles: int = 500_000, fill_holes: float 
         factor = max(factor + 1, int(np.ceil(factor * np.sqrt(len(triangles) / max_triangles))))
     cell = seabed.cell * factor
     filled = np.zeros_like(known)
-    if fill_holes > 0:
-        elevation, filled = _filled(elevation, known, round(fill_holes / cell))
+    if widest_hole > 0:
+        elevation, filled = fill_holes(elevation, round(widest_hole / cell))
         triangles = _triangles(known | filled)
     if len(triangles) == 0:
         raise GarbiError("the seabed map is too sparse for a mesh: use larger cells (seabed.cell)")
@@ -74,26 +75,3 @@ def _triangles(known: NDArray[np.bool_]) -> NDArray[np.int64]:
             there &= ~absent[0]
         parts.append(np.stack([index[there] for _, index in corners], 1))
     return np.concatenate(parts)
-
-
-def _filled(
-    elevation: NDArray[np.float64], known: NDArray[np.bool_], width: int
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Close gaps of up to `width` cells between two known cells of a row or a column, linearly; says which cells."""
-    total = np.zeros_like(elevation)
-    count = np.zeros(elevation.shape, np.int32)
-    for values, mask, sums, counts in (
-        (elevation, known, total, count),
-        (elevation.T, known.T, total.T, count.T),
-    ):
-        flat = np.where(mask, np.arange(mask.shape[1]), -1)
-        before = np.maximum.accumulate(flat, 1)
-        after = np.where(mask, np.arange(mask.shape[1]), mask.shape[1])
-        after = np.minimum.accumulate(after[:, ::-1], 1)[:, ::-1]
-        row, column = np.nonzero(~mask & (before >= 0) & (after < mask.shape[1]) & (after - before - 1 <= width))
-        left, right = before[row, column], after[row, column]
-        share = (column - left) / (right - left)
-        sums[row, column] += values[row, left] * (1 - share) + values[row, right] * share
-        counts[row, column] += 1
-    filled = count > 0
-    return np.where(filled, total / np.maximum(count, 1), elevation), filled

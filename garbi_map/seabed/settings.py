@@ -38,9 +38,6 @@ class SeabedSettings(Settings):
         description="cells of the finished grid; a larger site gets cells of 2, 4, 8, ... times the side",
     )
     agreement_window: float = Field(
-        default=0.16, gt=0.0, description="m; the side over which the scatter between sweeps is compared with their covariances"
-    )
-    fill_holes: float = Field(
-        default=0.02, ge=0.0, description="m; holes of the mesh up to this width are closed, and flagged"
+        default=0.16, gt=0.0, description="m; sweeps are compared with their covariances over squares of this side"
     )
     outliers: OutlierSettings = OutlierSettings()

@@ -11,6 +11,7 @@ from garbi_map.seabed.settings import SeabedSettings
 from garbi_map.seabed.types import Seabed
 
 TILE = 64  # cells along a side of a tile; a power of two, so that tiles coarsen evenly
+_EDGE = 20.0  # times the usual scatter: no noise does that, an edge in the cell does
 _MAX_SPAN = 1 << 13  # tiles along an axis that one sweep may span
 
 
@@ -160,13 +161,18 @@ def excess(
 
     Summed over a window of cells. The first sees noise and roughness finer than a cell, the second poses that are
     worse than their covariances: for independent sweeps of variances v_s, E[sum W_s (z_s - z)^2] is
-    sum W_s v_s - sum W_s^2 v_s / W.
+    sum W_s v_s - sum W_s^2 v_s / W. A cell far beyond all others, as on a vertical face, speaks for itself only.
     """
     from scipy.ndimage import uniform_filter
 
     def ratio(seen: NDArray[np.float64], expected: NDArray[np.float64]) -> NDArray[np.float64]:
-        seen, expected = uniform_filter(seen, window), uniform_filter(expected, window)
-        return np.maximum(np.divide(seen, expected, out=np.ones_like(seen), where=expected > 1e-9), 1.0)
+        asked = expected > 1e-9
+        own = np.divide(seen, expected, out=np.zeros_like(seen), where=asked)
+        most = _EDGE * max(1.0, float(np.median(own[asked]))) if asked.any() else 1.0
+        local = uniform_filter(np.minimum(seen, most * expected), window)
+        expected = uniform_filter(expected, window)
+        shared = np.divide(local, expected, out=np.ones_like(local), where=expected > 1e-9)
+        return np.maximum(np.maximum(shared, np.where(own > most, own, 1.0)), 1.0)
 
     noise_excess = ratio(bands["within"], bands["within_expected"])
     several = bands["sweeps"] > 1
