@@ -32,7 +32,7 @@ def sweep(
     angle = laser_angle(source.navigation().encoder, calibration, settings.sweep)
     image_losses, sweep_losses = ImageLosses(), SweepLosses()
     detector = StripeDetector(settings.stripe, calibration)
-    stripes = detect_all(source.images(), detector, angle.alpha, workers, losses=image_losses)
+    stripes = detect_all(source.images(), detector, angle.alpha, workers, image_losses)
     sweeps = make_sweeps(stripes, calibration, angle, settings.sweep, sweep_losses)
     written = write_sweeps(output, sweeps)
     if written == 0:
