@@ -61,7 +61,7 @@ def write_outputs(
     progress.advance()
     write_seabed_tif(out / "seabed.tif", built.seabed)
     progress.advance()
-    mesh = triangulate(built.seabed, dive.config.export.max_triangles, dive.config.seabed.fill_holes)
+    mesh = triangulate(built.seabed, dive.config.export.max_triangles)
     write_glb(out / "seabed.glb", mesh)
     progress.advance()
     write_hillshade(out / "hillshade.png", built.seabed, dive.config.export, title=dive.paths[0].stem)
@@ -74,7 +74,7 @@ def write_outputs(
     dive.timings["all"] = time.perf_counter() - started
     report = make_report(dive, store, built)
     write_report_json(out / "report.json", report)
-    write_report_html(out / "report.html", report, built.seabed, dive.config.export)
+    write_report_html(out / "report.html", report, built.seabed, built.registered.trajectory, dive.config.export)
     progress.advance()
 
 
