@@ -86,7 +86,10 @@ def message_times(file: BinaryIO, piece: Piece) -> dict[int, Stamps]:
         if opcode != Opcode.MESSAGE_INDEX or length > piece.length + (1 << 20):
             raise Damaged("message index overwritten")
         content = chunks.read_at(file, offset + RECORD.size, length)
-        times[channel] = np.frombuffer(content[6:], "<u8")[::2].astype(np.int64)
+        stamps = np.frombuffer(content[6:], "<u8")[::2]
+        if len(stamps) and not piece.begin <= stamps.min() <= stamps.max() <= piece.end:
+            raise Damaged("message index overwritten")
+        times[channel] = stamps.astype(np.int64)
     return times
 
 
