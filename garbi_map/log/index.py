@@ -61,6 +61,11 @@ class Index:
         """First log time, ns."""
         return min(piece.begin for piece in self.pieces)
 
+    @property
+    def end(self) -> int:
+        """Last log time, ns."""
+        return max(piece.end for piece in self.pieces)
+
     def open(self) -> BinaryIO:
         """The file, to read."""
         try:
