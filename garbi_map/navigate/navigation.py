@@ -133,8 +133,10 @@ def _believed(forward: ErrorStateFilter, sources: list[Source]) -> tuple[list[So
     out = []
     for source in sources:
         typical = forward.tallies[source.name].typical()
-        lies = len(source.stamp_ns) >= 20 and not _HONEST[0] < typical < _HONEST[1]
-        if lies and not isinstance(source, HabitSource):
+        # small innovations prove a sensor better than stated only where its own noise is most of what was expected
+        own_noise = bool(np.median(forward.tallies[source.name].shares or [0.0]) > 0.5)
+        lies = typical > _HONEST[1] or (typical < _HONEST[0] and own_noise)
+        if len(source.stamp_ns) >= 20 and lies and not isinstance(source, HabitSource):
             changed = rescaled(source, typical)
             if not np.allclose(changed.variance, source.variance):
                 factors[source.name] = typical

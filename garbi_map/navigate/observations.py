@@ -15,7 +15,8 @@ from garbi_map.navigate.settings import NavigateSettings
 from garbi_map.navigate.span import within
 from garbi_map.navigate.states import ATTITUDE, GYRO_BIAS, POSITION, SCALE, STATES, TOPIC, VELOCITY
 
-_DVL_MEDIAN = 7  # pings
+_NEIGHBOURS = 7  # samples, over which a lone outlier does not move the median
+_DEPTH_JUMP = 0.2  # m
 _DVL_JUMP = 0.3  # m/s between a ping and the median of its neighbours that no vehicle of this kind does
 _HABIT_PERIOD = 1.0  # s between reminders that the vehicle stays slow and upright
 
@@ -37,7 +38,8 @@ class Nominal:
 class Source:
     """Measurements of one sensor: stamp_ns (k,), value (k, d), variance (k, d, d) of the white part of the error.
 
-    patience: seconds of unbroken rejection after which the gate has doubled its sigmas.
+    part: the states that this sensor decides.
+    patience: seconds of unbroken rejection after which the filter takes itself to be wrong in `part`.
     floor: 1 sigma below which the variance is never scaled.
     """
 
@@ -45,6 +47,7 @@ class Source:
     stamp_ns: Stamps
     value: Floats
     variance: Floats
+    part: slice
     patience: float
     floor: float
 
@@ -117,8 +120,6 @@ class FixSource(Source):
 class HabitSource(Source):
     """Where nothing measures it, the vehicle is slow and nearly upright; the rows of `value` are zero."""
 
-    part: slice
-
     def look(self, index: int, nominal: Nominal) -> tuple[Floats, Floats]:
         rows = self.value.shape[1]
         jacobian = np.zeros((rows, STATES))
@@ -172,13 +173,13 @@ def _attitude(inertial: Inertial, disturbed: Flags | None, settings: NavigateSet
     steady = rows if disturbed is None else rows[~disturbed[rows]]
     noise = settings.attitude_noise
 
-    def source(name: str, picked: np.ndarray, axes: tuple[int, ...], patience: float) -> Source:
+    def source(name: str, picked: np.ndarray, axes: tuple[int, ...], part: slice, patience: float) -> Source:
         variance = np.broadcast_to(np.eye(len(axes)) * noise**2, (len(picked), len(axes), len(axes)))
         return AttitudeSource(
-            name, inertial.stamp_ns[picked], inertial.attitude[picked], variance, patience, noise, axes=axes
+            name, inertial.stamp_ns[picked], inertial.attitude[picked], variance, part, patience, noise, axes=axes
         )
 
-    return [source("tilt", rows, (0, 1), 10.0), source("yaw", steady, (2,), 60.0)]
+    return [source("tilt", rows, (0, 1), slice(6, 8), 30.0), source("yaw", steady, (2,), slice(8, 9), 60.0)]
 
 
 def _depth(log: Navigation, origin: Floats, begin_ns: int, end_ns: int, settings: NavigateSettings) -> list[Source]:
@@ -190,6 +191,10 @@ def _depth(log: Navigation, origin: Floats, begin_ns: int, end_ns: int, settings
     stamps, pressure = log.pressure.stamp_ns[keep], log.pressure.pressure[keep]
     height = (settings.atmosphere - pressure) / (settings.water_density * settings.gravity)
     sigma = max(_white(height), settings.pressure_noise)
+    calm = np.abs(height - median_filter(height, size=_NEIGHBOURS, mode="nearest")) < _DEPTH_JUMP
+    stamps, height = stamps[calm], height[calm]
+    if len(stamps) == 0:
+        return []
     stamps, height, count = _thinned(stamps, height, settings.node_rate)
     return [
         DepthSource(
@@ -197,7 +202,8 @@ def _depth(log: Navigation, origin: Floats, begin_ns: int, end_ns: int, settings
             stamps,
             height[:, None],
             (sigma**2 / count)[:, None, None],
-            5.0,
+            slice(2, 3),
+            10.0,
             settings.pressure_noise,
             arm=log.mount("pressure_link").translation - origin,
         )
@@ -213,7 +219,7 @@ def _velocity(log: Navigation, origin: Floats, begin_ns: int, end_ns: int, setti
     mount = log.mount("dvl_link")
     turned = Rotation.from_quat(mount.quaternion)
     velocity = turned.apply(log.dvl.velocity[keep])
-    jump = np.linalg.norm(velocity - median_filter(velocity, size=(_DVL_MEDIAN, 1), mode="nearest"), axis=1)
+    jump = np.linalg.norm(velocity - median_filter(velocity, size=(_NEIGHBOURS, 1), mode="nearest"), axis=1)
     calm = jump < _DVL_JUMP
     variance = _floored(log.dvl.covariance[keep], settings.dvl_noise)
     matrix = turned.as_matrix()
@@ -223,7 +229,8 @@ def _velocity(log: Navigation, origin: Floats, begin_ns: int, end_ns: int, setti
             log.dvl.stamp_ns[keep][calm],
             velocity[calm],
             (matrix @ variance @ matrix.T)[calm],
-            5.0,
+            VELOCITY,
+            10.0,
             settings.dvl_noise,
             arm=mount.translation - origin,
         )
@@ -243,6 +250,7 @@ def _fixes(log: Navigation, origin: Floats, begin_ns: int, end_ns: int, settings
             log.fixes.stamp_ns[keep],
             log.fixes.position[keep, :rows],
             _floored(log.fixes.covariance[keep], settings.fix_noise)[:, :rows, :rows],
+            slice(0, rows),
             60.0,
             settings.fix_noise,
             arm=-origin,
@@ -261,9 +269,9 @@ def _habit(
         stamps,
         np.zeros((len(stamps), rows)),
         np.broadcast_to(np.eye(rows) * variance, (len(stamps), rows, rows)),
-        5.0,
+        part,
+        np.inf,
         sigma,
-        part=part,
     )
 
 
