@@ -149,12 +149,12 @@ def make_sources(
         sources += _velocity(log, origin, begin_ns, end_ns, settings)
     if log.fixes is not None:
         sources += _fixes(log, origin, begin_ns, end_ns, settings)
-    names = {source.name for source in sources}
-    if not names & {"dvl", "fixes"}:
-        sources.append(_habit("speed", VELOCITY, 3, settings.speed, begin_ns, end_ns, settings))
-    if not names & {"tilt"} and not (inertial and inertial.force_known.any()):
-        sources.append(_habit("upright", ATTITUDE, 2, settings.tilt, begin_ns, end_ns, settings))
-    return sources
+    moving = [source.stamp_ns for source in sources if source.name in ("dvl", "fixes")]
+    leaning = [inertial.stamp_ns[inertial.force_known]] if inertial else []
+    leaning += [source.stamp_ns for source in sources if source.name == "tilt"]
+    sources.append(_habit("speed", VELOCITY, 3, settings.speed, moving, begin_ns, end_ns, settings))
+    sources.append(_habit("upright", ATTITUDE, 2, settings.tilt, leaning, begin_ns, end_ns, settings))
+    return [source for source in sources if len(source.stamp_ns)]
 
 
 def rescaled(source: Source, factor: float) -> Source:
@@ -259,9 +259,20 @@ def _fixes(log: Navigation, origin: Floats, begin_ns: int, end_ns: int, settings
 
 
 def _habit(
-    name: str, part: slice, rows: int, sigma: float, begin_ns: int, end_ns: int, settings: NavigateSettings
+    name: str,
+    part: slice,
+    rows: int,
+    sigma: float,
+    measured: list[Stamps],
+    begin_ns: int,
+    end_ns: int,
+    settings: NavigateSettings,
 ) -> Source:
+    """Reminders wherever the nearest measurement is farther than half a habit_time."""
     stamps = np.arange(begin_ns, end_ns, int(_HABIT_PERIOD * 1e9))
+    edges = np.sort(np.concatenate([*measured, [np.iinfo(np.int64).min // 2, np.iinfo(np.int64).max // 2]]))
+    after = np.searchsorted(edges, stamps)
+    stamps = stamps[np.minimum(edges[after] - stamps, stamps - edges[after - 1]) > 0.5e9 * settings.habit_time]
     # the reminders of one habit_time say the same thing: together they weigh as one
     variance = sigma**2 * settings.habit_time / _HABIT_PERIOD
     return HabitSource(
