@@ -105,12 +105,13 @@ def _from_filter(
     sources = make_sources(log, inertial, attitude.disturbed if attitude else None, *span, settings)
     start = first_guess(inertial, attitude, sources, settings)
     forward = ErrorStateFilter(base, inertial, sources, start, settings)
-    smoothed = smooth(list(forward.run()), forward.model)
+    nodes = list(forward.run())
     believed, factors = _believed(forward, sources)
     if factors:
         forward = ErrorStateFilter(base, inertial, believed, start, settings)
-        smoothed = smooth(list(forward.run()), forward.model)
-    trajectory, velocity = _path(base, forward, smoothed, inertial, bool(log.pressure is not None), settings)
+        nodes = list(forward.run())
+    smoothed = smooth(nodes, forward.model)
+    trajectory, velocity = _path(base, forward, smoothed, inertial, "pressure" in forward.tallies, settings)
     stamps = _dense(trajectory.stamp_ns, asked)
     full = trajectory.at(stamps)
     at = [np.interp(stamps - stamps[0], trajectory.stamp_ns - stamps[0], column) for column in velocity.T]

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import median_filter
 from scipy.spatial.transform import Rotation
 
-from garbi_map.log.records import Floats, Navigation, Stamps
+from garbi_map.log.records import Dvl, Fixes, Floats, Mount, Navigation, Pressure, Stamps
 from garbi_map.navigate.inertial import Flags, Inertial
 from garbi_map.navigate.kernels import cross_matrix, difference
 from garbi_map.navigate.settings import NavigateSettings
@@ -144,11 +144,11 @@ def make_sources(
     if inertial and np.isfinite(inertial.attitude[:, 0]).any():
         sources += _attitude(inertial, disturbed, settings)
     if log.pressure is not None:
-        sources += _depth(log, origin, begin_ns, end_ns, settings)
+        sources += _depth(log.pressure, log.mount("pressure_link"), origin, begin_ns, end_ns, settings)
     if log.dvl is not None:
-        sources += _velocity(log, origin, begin_ns, end_ns, settings)
+        sources += _velocity(log.dvl, log.mount("dvl_link"), origin, begin_ns, end_ns, settings)
     if log.fixes is not None:
-        sources += _fixes(log, origin, begin_ns, end_ns, settings)
+        sources += _fixes(log.fixes, 2 if log.pressure is not None else 3, origin, begin_ns, end_ns, settings)
     moving = [source.stamp_ns for source in sources if source.name in ("dvl", "fixes")]
     leaning = [inertial.stamp_ns[inertial.force_known]] if inertial else []
     leaning += [source.stamp_ns for source in sources if source.name == "tilt"]
@@ -159,9 +159,7 @@ def make_sources(
 
 def rescaled(source: Source, factor: float) -> Source:
     """The source with its variance multiplied, but not below its floor."""
-    from dataclasses import replace
-
-    floor = np.eye(source.value.shape[-1] if source.variance.ndim < 3 else source.variance.shape[-1]) * source.floor**2
+    floor = np.eye(source.variance.shape[-1]) * source.floor**2
     return replace(source, variance=np.maximum(source.variance * factor, floor))
 
 
@@ -182,13 +180,14 @@ def _attitude(inertial: Inertial, disturbed: Flags | None, settings: NavigateSet
     return [source("tilt", rows, (0, 1), slice(6, 8), 30.0), source("yaw", steady, (2,), slice(8, 9), 60.0)]
 
 
-def _depth(log: Navigation, origin: Floats, begin_ns: int, end_ns: int, settings: NavigateSettings) -> list[Source]:
-    assert log.pressure is not None
-    keep = within(log.pressure.stamp_ns, begin_ns, end_ns)
-    keep = keep[np.isfinite(log.pressure.pressure[keep])]
+def _depth(
+    record: Pressure, mount: Mount, origin: Floats, begin_ns: int, end_ns: int, settings: NavigateSettings
+) -> list[Source]:
+    keep = within(record.stamp_ns, begin_ns, end_ns)
+    keep = keep[np.isfinite(record.pressure[keep])]
     if len(keep) == 0:
         return []
-    stamps, pressure = log.pressure.stamp_ns[keep], log.pressure.pressure[keep]
+    stamps, pressure = record.stamp_ns[keep], record.pressure[keep]
     height = (settings.atmosphere - pressure) / (settings.water_density * settings.gravity)
     sigma = max(_white(height), settings.pressure_noise)
     calm = np.abs(height - median_filter(height, size=_NEIGHBOURS, mode="nearest")) < _DEPTH_JUMP
@@ -205,28 +204,28 @@ def _depth(log: Navigation, origin: Floats, begin_ns: int, end_ns: int, settings
             slice(2, 3),
             10.0,
             settings.pressure_noise,
-            arm=log.mount("pressure_link").translation - origin,
+            arm=mount.translation - origin,
         )
     ]
 
 
-def _velocity(log: Navigation, origin: Floats, begin_ns: int, end_ns: int, settings: NavigateSettings) -> list[Source]:
-    assert log.dvl is not None
-    keep = within(log.dvl.stamp_ns, begin_ns, end_ns)
-    keep = keep[np.isfinite(log.dvl.velocity[keep]).all(axis=1)]
+def _velocity(
+    record: Dvl, mount: Mount, origin: Floats, begin_ns: int, end_ns: int, settings: NavigateSettings
+) -> list[Source]:
+    keep = within(record.stamp_ns, begin_ns, end_ns)
+    keep = keep[np.isfinite(record.velocity[keep]).all(axis=1)]
     if len(keep) == 0:
         return []
-    mount = log.mount("dvl_link")
     turned = Rotation.from_quat(mount.quaternion)
-    velocity = turned.apply(log.dvl.velocity[keep])
+    velocity = turned.apply(record.velocity[keep])
     jump = np.linalg.norm(velocity - median_filter(velocity, size=(_NEIGHBOURS, 1), mode="nearest"), axis=1)
     calm = jump < _DVL_JUMP
-    variance = _floored(log.dvl.covariance[keep], settings.dvl_noise)
+    variance = _floored(record.covariance[keep], settings.dvl_noise)
     matrix = turned.as_matrix()
     return [
         VelocitySource(
             "dvl",
-            log.dvl.stamp_ns[keep][calm],
+            record.stamp_ns[keep][calm],
             velocity[calm],
             (matrix @ variance @ matrix.T)[calm],
             VELOCITY,
@@ -237,19 +236,19 @@ def _velocity(log: Navigation, origin: Floats, begin_ns: int, end_ns: int, setti
     ]
 
 
-def _fixes(log: Navigation, origin: Floats, begin_ns: int, end_ns: int, settings: NavigateSettings) -> list[Source]:
-    assert log.fixes is not None
-    keep = within(log.fixes.stamp_ns, begin_ns, end_ns)
-    rows = 2 if log.pressure is not None else 3
-    keep = keep[np.isfinite(log.fixes.position[keep, :rows]).all(axis=1)]
+def _fixes(
+    record: Fixes, rows: int, origin: Floats, begin_ns: int, end_ns: int, settings: NavigateSettings
+) -> list[Source]:
+    keep = within(record.stamp_ns, begin_ns, end_ns)
+    keep = keep[np.isfinite(record.position[keep, :rows]).all(axis=1)]
     if len(keep) == 0:
         return []
     return [
         FixSource(
             "fixes",
-            log.fixes.stamp_ns[keep],
-            log.fixes.position[keep, :rows],
-            _floored(log.fixes.covariance[keep], settings.fix_noise)[:, :rows, :rows],
+            record.stamp_ns[keep],
+            record.position[keep, :rows],
+            _floored(record.covariance[keep], settings.fix_noise)[:, :rows, :rows],
             slice(0, rows),
             60.0,
             settings.fix_noise,
