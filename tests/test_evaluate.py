@@ -93,7 +93,7 @@ def write_truth(folder: Path) -> None:
 
 def test_a_perfect_map_in_another_frame_has_no_error(tmp_path: Path) -> None:
     """Origin and heading of `map` are free: only the file's micrometres remain."""
-    points, _ = on_surface(100_000)
+    points, _ = on_surface(40_000)
     write_map(tmp_path, moved(path()), MOTION.apply(points) + SHIFT)
     found = evaluate(tmp_path, Truth(path(), bumpy(), on_surface(3000, 7)[0]))
     assert found.trajectory is not None
@@ -129,7 +129,7 @@ def test_a_roll_that_a_straight_path_would_hide_is_seen(tmp_path: Path) -> None:
 
 def test_noise_along_the_normals_is_the_distance_to_the_surface() -> None:
     """1 mm: median 0.674 mm, 95th percentile 1.96 mm, rms 1 mm."""
-    points, normals = on_surface(150_000)
+    points, normals = on_surface(60_000)
     noisy = points + 0.001 * np.random.default_rng(1).standard_normal((len(points), 1)) * normals
     found = compare_cloud(noisy, *bumpy())
     assert found.median_mm == pytest.approx(0.674, rel=0.03)
@@ -139,7 +139,7 @@ def test_noise_along_the_normals_is_the_distance_to_the_surface() -> None:
 
 def test_gross_errors_are_counted_and_do_not_pull_the_alignment() -> None:
     """3 % of the points 2 to 4 cm above the floor."""
-    points, normals = on_surface(100_000)
+    points, normals = on_surface(40_000)
     wrong = np.arange(len(points)) % 100 < 3
     off = np.where(wrong, np.random.default_rng(2).uniform(0.02, 0.04, len(points)), 0.0)
     found = compare_cloud(points + off[:, None] * normals, *bumpy())
