@@ -68,5 +68,7 @@ def _print(found: LogCheck) -> None:
         console.print("[red]damaged[/]", Text(line), highlight=False)
     if not found.read_whole:
         console.print("Large log: only its index was read; --full reads and verifies every message.", highlight=False)
+    elif not found.checksums:
+        console.print("Parts of this log carry no checksum: damage there cannot be seen.", highlight=False)
     elif not found.damage:
         console.print("Every checksum holds.", highlight=False)

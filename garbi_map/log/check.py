@@ -66,6 +66,7 @@ class LogCheck:
     damage      what cannot be read, one line each
     read_whole  every message was read and its checksum validated; else all is from the log's index, and damage inside
                 of chunks is not known
+    checksums   every part that was read carries a checksum; where not, damage cannot be seen
     """
 
     begin_ns: int
@@ -74,6 +75,7 @@ class LogCheck:
     missing: tuple[Missing, ...]
     damage: tuple[str, ...]
     read_whole: bool
+    checksums: bool
 
     @property
     def mappable(self) -> bool:
@@ -89,9 +91,9 @@ def check_log(log: Log, whole: bool | None = None) -> LogCheck:
     """Check a log. It is read through if `whole`, or (None) if it is smaller than a gigabyte; rates and gaps are by log
     time, from the message indexes where the log has them."""
     read_whole = log.size <= READ_WHOLE if whole is None else whole
-    navigation, unusable = None, []
+    navigation, unusable, checksums = None, [], True
     if read_whole:
-        log.verify()
+        checksums = log.verify()
         try:
             navigation = log.navigation()
             log.type_of("image", IMAGE_TYPES)
@@ -111,6 +113,7 @@ def check_log(log: Log, whole: bool | None = None) -> LogCheck:
         missing=tuple(_missing(log, navigation)),
         damage=(*log.losses, *unusable),
         read_whole=read_whole,
+        checksums=checksums,
     )
 
 

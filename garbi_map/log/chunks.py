@@ -35,6 +35,10 @@ class Damaged(ValueError):
     """A record that cannot be trusted; the text says why in a few words."""
 
 
+class Unindexed(Damaged):
+    """A sound file that has no index, as some recorders write it."""
+
+
 def reason(error: BaseException) -> str:
     """Why something is damaged, in a few words."""
     return str(error) if isinstance(error, Damaged) else "unreadable"
@@ -47,6 +51,11 @@ class RawMessage(NamedTuple):
     log_time: int
     publish_time: int
     data: memoryview
+
+    def arrival(self, stamp_ns: int) -> int:
+        """When the recorder had it, ns: ROS 2 puts that into log_time; this project puts the stamp there, and the
+        arrival into publish_time."""
+        return self.publish_time if self.log_time == stamp_ns else self.log_time
 
 
 class ChunkHead(NamedTuple):

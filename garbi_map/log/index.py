@@ -11,6 +11,7 @@ import numpy as np
 from mcap import records as mcap_records
 from mcap.opcode import Opcode
 
+from garbi_map.errors import GarbiError
 from garbi_map.log import chunks
 from garbi_map.log.chunks import RECORD, Damaged
 from garbi_map.log.records import Stamps
@@ -60,6 +61,13 @@ class Index:
         """First log time, ns."""
         return min(piece.begin for piece in self.pieces)
 
+    def open(self) -> BinaryIO:
+        """The file, to read."""
+        try:
+            return self.path.open("rb")
+        except OSError as error:
+            raise GarbiError(f"{self.path}: cannot be read: {error.strerror}") from error
+
     def topic(self, channel: int) -> str:
         """Name of a channel's topic."""
         return self.channels[channel].topic
@@ -96,8 +104,16 @@ def read_piece(file: BinaryIO, piece: Piece) -> memoryview:
     return chunks.unpack_chunk(content)
 
 
+def has_checksum(file: BinaryIO, piece: Piece) -> bool:
+    """Whether damage inside a piece would be seen; raises Damaged."""
+    if piece.raw:
+        return False
+    head = chunks.read_at(file, piece.offset + RECORD.size, chunks.CHUNK_HEAD.size)
+    return bool(chunks.CHUNK_HEAD.unpack(head)[3])
+
+
 def read_attachment(index: Index, name: str) -> bytes:
     """The content of an attachment, checksum validated; raises one of DAMAGE."""
     offset, length = index.attachments[name]
-    with index.path.open("rb") as file:
+    with index.open() as file:
         return chunks.attachment_data(chunks.read_at(file, offset, length)[RECORD.size :])

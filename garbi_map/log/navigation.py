@@ -87,7 +87,7 @@ def _fill(log: Log, columns: dict[str, _Column], begin_ns: int | None, end_ns: i
             if first <= stamp < last:
                 column.values.extend(values)
                 column.stamps.append(stamp)
-                column.arrivals.append(max(message.log_time, message.publish_time))
+                column.arrivals.append(message.arrival(stamp))
         except BAD_MESSAGE:
             column.bad += 1
 

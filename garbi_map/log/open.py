@@ -8,7 +8,7 @@ from pathlib import Path
 import yaml
 
 from garbi_map.errors import GarbiError
-from garbi_map.log.chunks import DAMAGE, MAGIC, reason
+from garbi_map.log.chunks import DAMAGE, MAGIC, Unindexed, reason
 from garbi_map.log.index import Index
 from garbi_map.log.reader import Log
 from garbi_map.log.settings import LogSettings
@@ -69,7 +69,8 @@ def read_index(path: Path) -> Index:
                 if not sound_start:
                     raise GarbiError(f"{path}: not an MCAP file") from error
                 index = index_by_walking(path, file, size)
-                index.losses.insert(0, f"{path.name}: no index at its end ({reason(error)}); read record by record")
+                if not isinstance(error, Unindexed):
+                    index.losses.insert(0, f"{path.name}: no index at its end ({reason(error)}); read record by record")
             if not sound_start:
                 index.losses.append(f"{path.name}: its first bytes are damaged")
     except OSError as error:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import heapq
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -12,14 +11,12 @@ from mcap.records import Schema
 from garbi_map.errors import GarbiError
 from garbi_map.log import chunks
 from garbi_map.log.chunks import DAMAGE, RawMessage
-from garbi_map.log.decode import BAD_MESSAGE, IMAGE_TYPES, decode_image, stamp_of
-from garbi_map.log.index import Index, Piece, message_times, read_attachment, read_piece
+from garbi_map.log.decode import BAD_MESSAGE, stamp_of
+from garbi_map.log.images import read_images
+from garbi_map.log.index import Index, Piece, has_checksum, message_times, read_attachment, read_piece
 from garbi_map.log.navigation import read_navigation
 from garbi_map.log.records import Image, Navigation, Stamps
 from garbi_map.log.settings import LogSettings
-from garbi_map.log.types import log_types
-
-REORDERED = 8  # images that wait for one with an earlier stamp
 
 
 @dataclass(frozen=True)
@@ -45,7 +42,8 @@ class Log:
         self._indexes = indexes
         self._losses: dict[str, None] = {}
         self.topics = self._find_topics()
-        self.begin_ns, self.end_ns, self._clock_offset = self._find_times()
+        self._clock_offset = self._arrival_offset = 0
+        self.begin_ns, self.end_ns = self._find_times()
         self.rig_text = self._find_rig()
         self.metadata = {name: record for index in indexes for name, record in index.metadata.items()}
 
@@ -84,44 +82,11 @@ class Log:
 
         Raises GarbiError where the image topic has a type that is no image; where there are no images, nothing comes.
         """
-        topic = self.settings.topics.image
-        type_name = self.type_of("image", IMAGE_TYPES)
-        if type_name is None:
-            return
-        types = log_types(())
-        waiting: list[tuple[int, int, Image]] = []
-        bad = late = 0
-        last = -(1 << 63)
-        for count, (_, message) in enumerate(self.messages({topic}, begin_ns, end_ns)):
-            try:
-                stamp = stamp_of(message.data)
-                if (begin_ns is not None and stamp < begin_ns) or (end_ns is not None and stamp >= end_ns):
-                    continue
-                image = decode_image(types, type_name, message.data, max(message.log_time, message.publish_time))
-            except BAD_MESSAGE:
-                bad += 1
-                continue
-            if not self._near_arrival(image) or image.stamp_ns <= last:
-                late += 1
-                continue
-            heapq.heappush(waiting, (image.stamp_ns, count, image))
-            if len(waiting) > REORDERED:
-                last, _, image = heapq.heappop(waiting)
-                yield image
-        for stamp, _, image in sorted(waiting, key=lambda entry: entry[:2]):
-            if stamp > last:
-                last = stamp
-                yield image
-            else:
-                late += 1
-        if bad:
-            self.lose(f"{topic}: {bad} images are not readable messages")
-        if late:
-            self.lose(f"{topic}: {late} images left out: their stamps repeat, go back or are far from their arrival")
+        return read_images(self, begin_ns, end_ns)
 
-    def _near_arrival(self, image: Image) -> bool:
-        offset = image.stamp_ns - image.arrival_ns - self._clock_offset
-        return abs(offset) <= self.settings.clock_tolerance * 1e9
+    def near_arrival(self, stamp_ns: int, arrival_ns: int) -> bool:
+        """Whether a stamp is believable: its distance from its arrival is about the usual one."""
+        return abs(stamp_ns - arrival_ns - self._arrival_offset) <= self.settings.clock_tolerance * 1e9
 
     def type_of(self, role: str, usable: tuple[str, ...]) -> str | None:
         """The type of the topic that plays a role, None where the log has none; GarbiError where it is not usable."""
@@ -158,18 +123,26 @@ class Log:
             for message in self._messages_of(index, pieces, wanted):
                 yield names[message.channel], message
 
-    def verify(self) -> None:
-        """Read every byte that holds a message; what fails its checksum goes into `losses`."""
+    def verify(self) -> bool:
+        """Read every byte that holds a message; what fails its checksum goes into `losses`. False where some part of
+        the log carries no checksum, so that damage there cannot be seen."""
+        protected = True
         for index in self._indexes:
-            for _ in self._messages_of(index, index.pieces, set()):
-                pass
+            with index.open() as file:
+                for piece in index.pieces:
+                    try:
+                        protected &= has_checksum(file, piece)
+                        read_piece(file, piece)
+                    except (*DAMAGE, OSError) as error:
+                        self._lose_piece(index, piece, chunks.reason(error))
+        return protected
 
     def _messages_of(self, index: Index, pieces: list[Piece], wanted: set[int]) -> Iterator[RawMessage]:
-        with index.path.open("rb") as file:
+        with index.open() as file:
             for piece in pieces:
                 try:
                     yield from chunks.messages(read_piece(file, piece), wanted)
-                except DAMAGE as error:
+                except (*DAMAGE, OSError) as error:
                     self._lose_piece(index, piece, chunks.reason(error))
 
     def _lose_piece(self, index: Index, piece: Piece, why: str) -> None:
@@ -189,7 +162,7 @@ class Log:
                 for channel, parts in index.times.items():
                     times.setdefault(index.topic(channel), []).extend(parts)
                 continue
-            with index.path.open("rb") as file:
+            with index.open() as file:
                 for piece in index.pieces:
                     try:
                         found = message_times(file, piece)
@@ -222,28 +195,29 @@ class Log:
                 )
         return topics
 
-    def _find_times(self) -> tuple[int, int, int]:
-        """First and last header stamp, and the usual offset of the stamps' clock to that of the log."""
-        self._clock_offset = 0
-        stamped = set(self.settings.topics.model_dump().values()) - {self.settings.topics.tf_static, ""}
-        first = self._stamps_of(self._indexes[0], stamped, forward=True)
-        last = self._stamps_of(self._indexes[-1], stamped, forward=False)
-        if not first or not last:
-            begin = min(index.begin for index in self._indexes)
-            return begin, max(piece.end for index in self._indexes for piece in index.pieces), 0
-        offset = int(np.median([stamp - log_time for stamp, log_time in first]))
+    def _find_times(self) -> tuple[int, int]:
+        """First and last header stamp; learns the usual offsets of the stamps' clock to log times and arrivals."""
+        topics = set(self.settings.topics.model_dump().values()) - {self.settings.topics.tf_static, ""}
+        first = self._stamped(self._indexes[0], topics, forward=True)
+        last = self._stamped(self._indexes[-1], topics, forward=False)
+        if first:
+            self._clock_offset = int(np.median([stamp - message.log_time for stamp, message in first]))
+            self._arrival_offset = int(np.median([stamp - message.arrival(stamp) for stamp, message in first]))
         near = self.settings.clock_tolerance * 1e9
-        stamps = [stamp for stamp, log_time in [*first, *last] if abs(stamp - log_time - offset) <= near]
-        return min(stamps), max(stamps), offset
+        stamps = [s for s, message in first + last if abs(s - message.log_time - self._clock_offset) <= near]
+        if not stamps:
+            pieces = [piece for index in self._indexes for piece in index.pieces]
+            return min(piece.begin for piece in pieces), max(piece.end for piece in pieces)
+        return min(stamps), max(stamps)
 
-    def _stamps_of(self, index: Index, topics: set[str], forward: bool) -> list[tuple[int, int]]:
-        """(header stamp, log time) of the messages in the first or last piece that has any."""
+    def _stamped(self, index: Index, topics: set[str], forward: bool) -> list[tuple[int, RawMessage]]:
+        """(header stamp, message) of some topics in the first or last piece that has any."""
         wanted = {number for number, channel in index.channels.items() if channel.topic in topics}
         for piece in sorted(index.pieces, key=lambda piece: piece.begin, reverse=not forward):
             found = []
             for message in self._messages_of(index, [piece], wanted):
                 try:
-                    found.append((stamp_of(message.data), message.log_time))
+                    found.append((stamp_of(message.data), message))
                 except BAD_MESSAGE:
                     continue
             if found:

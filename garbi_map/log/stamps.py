@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
+from bisect import bisect_left
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,12 +37,12 @@ def in_order(stamp_ns: Stamps, reorder_ns: int) -> NDArray[np.int64]:
 
 
 def _longest_ascending(values: Stamps) -> NDArray[np.int64]:
-    """Indices of a longest non-descending subsequence."""
+    """Indices of a longest strictly ascending subsequence."""
     tails: list[int] = []
     ends: list[int] = []
     previous = np.full(len(values), -1)
     for index, value in enumerate(values.tolist()):
-        place = bisect_right(tails, value)
+        place = bisect_left(tails, value)
         previous[index] = ends[place - 1] if place else -1
         tails[place : place + 1] = [value]
         ends[place : place + 1] = [index]

@@ -11,7 +11,7 @@ from mcap import records as mcap_records
 from mcap.opcode import Opcode
 
 from garbi_map.log import chunks
-from garbi_map.log.chunks import DAMAGE, MAGIC, RECORD, Damaged
+from garbi_map.log.chunks import DAMAGE, MAGIC, RECORD, Damaged, Unindexed
 from garbi_map.log.index import Index, Piece, message_times
 
 FOOTER = struct.Struct("<BQQQI")
@@ -23,12 +23,14 @@ def index_from_summary(path: Path, file: BinaryIO, size: int) -> Index:
     opcode, length, summary_start, _, crc = FOOTER.unpack_from(tail)
     if tail[FOOTER.size :] != MAGIC or opcode != Opcode.FOOTER or length != 20:
         raise Damaged("cut short")
-    if not 0 < summary_start < size:
-        raise Damaged("no summary")
     footer_start = size - FOOTER.size - len(MAGIC)
-    summary = chunks.read_at(file, summary_start, footer_start - summary_start)
+    if summary_start > footer_start:
+        raise Damaged("it points outside the file")
+    summary = chunks.read_at(file, summary_start, footer_start - summary_start) if summary_start else memoryview(b"")
     if crc and zlib.crc32(tail[: FOOTER.size - 4], zlib.crc32(summary)) != crc:
         raise Damaged("its checksum does not match")
+    if not summary:
+        raise Unindexed("no summary")
     index = Index(path)
     for opcode, content in chunks.records(summary):
         if opcode == Opcode.SCHEMA:
@@ -52,9 +54,9 @@ def index_from_summary(path: Path, file: BinaryIO, size: int) -> Index:
             )
     index.pieces.sort(key=lambda piece: piece.offset)
     if not index.pieces and index.counts.total():
-        raise Damaged("no chunk index")
+        raise Unindexed("no chunk index")
     if not index.channels and index.pieces:
-        raise Damaged("it names no topics")
+        raise Unindexed("it names no topics")
     if not index.counts:
         for piece in index.pieces:
             for number, times in message_times(file, piece).items():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
+from functools import cache
 
 from mcap.records import Schema
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -27,11 +28,18 @@ def log_types(schemas: Iterable[Schema]) -> Typestore:
 
     Code is generated from a definition, and a log is untrusted: nothing else is taken from it, and nothing huge.
     """
+    dvl = next((schema for schema in schemas if schema.name == DVL_MESSAGE), None)
+    if dvl is None:
+        return _shared_types()
     store = standard_types()
-    for schema in schemas:
-        if schema.name == DVL_MESSAGE and DVL_MESSAGE not in store.fielddefs:
-            _register(store, schema)
+    _register(store, dvl)
     return store
+
+
+@cache
+def _shared_types() -> Typestore:
+    """One store for all logs, as generating its code takes longer than opening a log."""
+    return standard_types()
 
 
 def _register(store: Typestore, schema: Schema) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import zlib
 from pathlib import Path
 from typing import BinaryIO, cast
 
@@ -56,6 +57,7 @@ class _Walk:
             elif opcode == Opcode.MESSAGE_INDEX:
                 self._check_message_index(position, length)
             elif opcode == Opcode.DATA_END:
+                self._check_all(position, length)
                 return None
         except DAMAGE as error:
             return self._lose(position, reason(error))
@@ -133,6 +135,18 @@ class _Walk:
         entries = struct.unpack_from("<I", chunks.read_at(self.file, position + RECORD.size, 6), 2)[0]
         if length != 6 + entries:
             raise Damaged("overwritten")
+
+    def _check_all(self, position: int, length: int) -> None:
+        """Records outside of chunks have no checksum of their own, but the whole before the end of the data may."""
+        crc = struct.unpack("<I", chunks.read_at(self.file, position + RECORD.size, length))[0]
+        self.close_raw()
+        if not crc or not any(piece.raw for piece in self.index.pieces):
+            return
+        found = 0
+        for start in range(0, position, RAW_PIECE):
+            found = zlib.crc32(chunks.read_at(self.file, start, min(RAW_PIECE, position - start)), found)
+        if found != crc:
+            self._name_loss(position, "the checksum of the whole does not match: some messages are wrong")
 
     def _lose(self, position: int, why: str) -> int | None:
         self.close_raw()

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation, Slerp
+from scipy.spatial.transform import Rotation
 
 from garbi_map.log.records import Floats, Mount, Stamps
 
@@ -33,21 +33,23 @@ class Trajectory:
         return Rotation.from_quat(self.quaternion)
 
     def at(self, stamp_ns: NDArray[np.int64]) -> Trajectory:
-        """The poses at other stamps: positions and covariances linear, attitudes on the great arc; held at both ends."""
-        start = int(self.stamp_ns[0])
-        own = (self.stamp_ns - start) * 1e-9
-        asked = np.clip((np.asarray(stamp_ns, np.int64) - start) * 1e-9, own[0], own[-1])
-        if len(own) == 1:
-            pick = np.zeros(len(asked), int)
-            return Trajectory(np.asarray(stamp_ns), self.position[pick], self.quaternion[pick], self.covariance[pick])
-        after = np.clip(np.searchsorted(own, asked, side="right"), 1, len(own) - 1)
-        weight = (asked - own[after - 1]) / (own[after] - own[after - 1])
+        """The poses at other stamps: positions and covariances linear, attitudes on the great arc; held at the ends."""
+        asked = np.asarray(stamp_ns, np.int64)
+        held = np.clip(asked, self.stamp_ns[0], self.stamp_ns[-1])
+        last = len(self.stamp_ns) - 1
+        after = np.clip(np.searchsorted(self.stamp_ns, held, side="right"), min(1, last), last)
+        before = np.maximum(after - 1, 0)
+        weight = (held - self.stamp_ns[before]) / np.maximum(self.stamp_ns[after] - self.stamp_ns[before], 1)
         w1, w2 = weight[:, None], weight[:, None, None]
+        covariance = self.covariance[before]
+        covariance += (self.covariance[after] - covariance) * w2
+        start = Rotation.from_quat(self.quaternion[before])
+        arc = (start.inv() * Rotation.from_quat(self.quaternion[after])).as_rotvec()
         return Trajectory(
-            np.asarray(stamp_ns),
-            self.position[after - 1] * (1 - w1) + self.position[after] * w1,
-            Slerp(own, self.rotation)(asked).as_quat(),
-            self.covariance[after - 1] * (1 - w2) + self.covariance[after] * w2,
+            asked,
+            self.position[before] * (1 - w1) + self.position[after] * w1,
+            (start * Rotation.from_rotvec(arc * w1)).as_quat(),
+            covariance,
         )
 
     def mounted(self, mount: Mount) -> Trajectory:

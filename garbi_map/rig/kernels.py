@@ -169,7 +169,7 @@ def _turned(rotation, a):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def camera_rays(u: Floats, v: Floats, lens: Floats, port: Floats) -> tuple[Floats, Floats]:
     """Origins (n, 3) and unit directions (n, 3) of pixels in the camera frame; NaN rows where there is no ray."""
     origins = np.empty((u.size, 3))
@@ -183,7 +183,7 @@ def camera_rays(u: Floats, v: Floats, lens: Floats, port: Floats) -> tuple[Float
     return origins, directions
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def camera_pixels(points: Floats, lens: Floats, port: Floats) -> Floats:
     """Pixels (n, 2) of points (n, 3) in the camera frame; NaN behind the camera, inside the port or where the
     distortion polynomial has turned back, which would show far points inside the image."""
@@ -200,7 +200,7 @@ def camera_pixels(points: Floats, lens: Floats, port: Floats) -> Floats:
     return pixels
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def triangulate(
     u: Floats,
     v: Floats,
@@ -251,7 +251,7 @@ def triangulate(
     return points, by_u, by_alpha
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def inverse_depth_window(
     normal: Floats, to_apex: Floats, column: Floats, rays: Floats, nearest: float, farthest: float
 ) -> tuple[Floats, Floats]:
@@ -259,23 +259,25 @@ def inverse_depth_window(
 
     normal   (3,) of the sheet, camera frame; to_apex (3,) from the pinhole, camera frame, m
     column   (k,) px, ascending: where the rays were sampled
-    rays     (height, k, 6) origin and direction with z = 1, camera frame
+    rays     (height, 6, k) origin and direction with z = 1, camera frame
     nearest, farthest   1/m, inverse depths along the camera's z; nearest > farthest
 
     Inverse depth is linear in the column for a pinhole, and nearly so behind a lens or a port, which is what makes
     sparse columns enough. Rows that cannot see the stripe have first beyond the last column and last = -1.
     """
-    height, k = rays.shape[0], rays.shape[1]
+    height, k = rays.shape[0], rays.shape[2]
+    inverse_depth = np.empty(k)
     first = np.full(height, column[-1] + 1.0)
     last = np.full(height, -1.0)
     offset = normal[0] * to_apex[0] + normal[1] * to_apex[1] + normal[2] * to_apex[2]
     for row in range(height):
-        before = math.nan
+        ray = rays[row]
         for j in range(k):
-            ray = rays[row, j]
-            across = normal[0] * ray[3] + normal[1] * ray[4] + normal[2] * ray[5]
-            gap = offset - (normal[0] * ray[0] + normal[1] * ray[1] + normal[2] * ray[2])
-            now = across / (gap + ray[2] * across)
+            across = normal[0] * ray[3, j] + normal[1] * ray[4, j] + normal[2] * ray[5, j]
+            gap = offset - (normal[0] * ray[0, j] + normal[1] * ray[1, j] + normal[2] * ray[2, j])
+            inverse_depth[j] = across / (gap + ray[2, j] * across)
+        for j in range(1, k):
+            before, now = inverse_depth[j - 1], inverse_depth[j]
             low, high = min(before, now), max(before, now)
             if not math.isnan(before + now) and high >= farthest and low <= nearest:
                 rise = now - before
@@ -286,5 +288,4 @@ def inverse_depth_window(
                 width = column[j] - column[j - 1]
                 first[row] = min(first[row], column[j - 1] + enter * width)
                 last[row] = max(last[row], column[j - 1] + leave * width)
-            before = now
     return first, last

@@ -100,13 +100,13 @@ class Rig:
 
     @cached_property
     def _window_rays(self) -> tuple[Floats, Floats]:
-        """Columns (k,) px and rays (height, k, 6), camera frame: origin and direction with z = 1."""
+        """Columns (k,) px and rays (height, 6, k), camera frame: origin and direction with z = 1."""
         height, width = self.camera.height, self.camera.width
         columns = np.linspace(0.0, width - 1.0, -(-(width - 1) // WINDOW_STRIDE) + 1)
         u, v = np.meshgrid(columns, np.arange(height, dtype=float))
         origin, direction = self.camera.rays(u.ravel(), v.ravel())
         rays = np.concatenate([origin, direction / direction[:, 2:]], axis=1)
-        return columns, rays.reshape(height, len(columns), 6)
+        return columns, np.ascontiguousarray(rays.reshape(height, len(columns), 6).transpose(0, 2, 1))
 
     def to_yaml(self) -> str:
         """The rig file, unknown keys included."""

@@ -28,6 +28,10 @@ class Angle(Protocol):
         """alpha (m,) and its sigma (m,), rad; NaN where it is not known."""
         ...
 
+    def alpha(self, stamp_ns: int) -> float:
+        """alpha of one image, rad; NaN where it is not known."""
+        ...
+
     def covers(self, stamp_ns: int) -> bool:
         """Whether the angle is known at this moment."""
         ...
@@ -44,6 +48,10 @@ class FixedAngle:
         """The one angle (m,), rad, with sigma 0 (m,)."""
         count = np.size(stamp_ns)
         return np.full(count, self.angle), np.zeros(count)
+
+    def alpha(self, stamp_ns: int) -> float:
+        """The one angle, rad."""
+        return self.angle
 
     def covers(self, stamp_ns: int) -> bool:
         """Always."""
@@ -95,9 +103,13 @@ class LaserAngle:
             self.noise,
         )
 
+    def alpha(self, stamp_ns: int) -> float:
+        """alpha of one image, rad; NaN in gaps and beyond the record."""
+        return float(self.at(np.array([stamp_ns]))[0][0])
+
     def covers(self, stamp_ns: int) -> bool:
         """Whether there are readings around this moment."""
-        return bool(np.isfinite(self.at(np.array([stamp_ns]))[0][0]))
+        return not np.isnan(self.alpha(stamp_ns))
 
 
 def laser_angle(encoder: Encoder | None, rig: Rig, settings: SweepSettings) -> Angle:
@@ -138,6 +150,8 @@ def _count_step(angle: Floats) -> float:
         return 0.0
     least = float(moved.min())
     small = moved[moved < 200.0 * least]
+    if len(small) < 0.5 * len(moved):
+        return 0.0
     for part in (1, 2, 3):
         counts = small * part / least
         whole = np.round(counts)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
+from garbi_map.errors import GarbiError
 from garbi_map.sweep.types import Sweep
 
 
@@ -24,7 +27,7 @@ def write_sweep(path: Path, sweep: Sweep) -> None:
     header.scales = np.full(3, 1e-5)
     header.offsets = np.zeros(3)
     cloud = laspy.LasData(header)
-    cloud.xyz = sweep.points
+    cloud.x, cloud.y, cloud.z = sweep.points.T
     cloud.intensity = np.clip(np.round(sweep.intensity * 256.0), 0, 65535).astype(np.uint16)
     cloud.gps_time = sweep.point_stamp_ns * 1e-9
     cloud.sigma = sweep.sigma
@@ -32,3 +35,41 @@ def write_sweep(path: Path, sweep: Sweep) -> None:
     aside = path.with_name(f".{path.name}")
     cloud.write(str(aside), do_compress=True)
     aside.replace(path)
+
+
+def write_sweeps(folder: Path, sweeps: Iterable[Sweep]) -> int:
+    """Write a cloud per sweep, `sweep_0000.laz` and so on, and at the end `sweeps.json`, which lists them; how many.
+
+    Clouds of an earlier run that this one does not write again are removed.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise GarbiError(f"{folder}: cannot be made a folder: {error.strerror}") from error
+    index = folder / "sweeps.json"
+    index.unlink(missing_ok=True)
+    entries: list[dict[str, str | int | float]] = []
+    for sweep in sweeps:
+        name = f"sweep_{sweep.index:04d}.laz"
+        write_sweep(folder / name, sweep)
+        entries.append(
+            {
+                "file": name,
+                "begin_ns": int(sweep.stamp_ns[0]),
+                "end_ns": int(sweep.stamp_ns[-1]),
+                "profiles": len(sweep.stamp_ns),
+                "points": len(sweep.points),
+                "alpha_begin_rad": float(sweep.alpha[0]),
+                "alpha_end_rad": float(sweep.alpha[-1]),
+            }
+        )
+    written = {entry["file"] for entry in entries}
+    for old in folder.glob("sweep_[0-9][0-9][0-9][0-9].laz"):
+        if old.name not in written:
+            old.unlink()
+    if not entries:
+        return 0
+    aside = folder / ".sweeps.json"
+    aside.write_text(json.dumps({"frame": "rig", "unit": "m", "sweeps": entries}, indent=1) + "\n")
+    aside.replace(index)
+    return len(entries)

@@ -14,7 +14,7 @@ AGREEMENT = 2.0  # standard deviations by which estimates from narrower and wide
 MISFIT = 1.5  # residual rms, in units of the reading's noise, above which a parabola does not describe the motion
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def local_angle(
     asked: Floats,
     time: Floats,
@@ -93,7 +93,7 @@ def local_angle(
     return estimate, sigma
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def turning_points(time: Floats, angle: Floats, least_turn: float, jitter: float) -> Floats:
     """Times at which the angle turns back by more than least_turn; the middle of a dwell near the extreme."""
     turns = np.empty(time.size)
@@ -125,7 +125,7 @@ def turning_points(time: Floats, angle: Floats, least_turn: float, jitter: float
     return turns[:count].copy()
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def profile_edges(
     profile: NDArray[np.int32],
     row: NDArray[np.int32],

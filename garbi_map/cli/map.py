@@ -1,0 +1,34 @@
+"""`garbi map`"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from garbi_map.cli.app import app
+
+
+@app.command("map")
+def map_(
+    logs: Annotated[list[Path], typer.Argument(help="MCAP files or rosbag2 directories of one dive.", show_default=False)],
+    out: Annotated[Path, typer.Option("--output", "-o", help="Folder that the map is written into.")],
+    rig: Annotated[Path | None, typer.Option(help="rig.yaml; wins over the one attached to the log.")] = None,
+    config: Annotated[Path | None, typer.Option(help="Configuration (YAML).")] = None,
+    workers: Annotated[int, typer.Option(min=1, help="Threads that decode images and find stripes.")] = 2,
+    begin: Annotated[float | None, typer.Option("--from", help="Begin this many seconds into the log.")] = None,
+    end: Annotated[float | None, typer.Option("--to", help="End this many seconds into the log.")] = None,
+) -> None:
+    """Build a seabed map from a recorded dive."""
+    from garbi_map.cli.watch import Watch
+    from garbi_map.config import load_config
+    from garbi_map.pipeline import build_map
+
+    with Watch() as progress:
+        losses = build_map(logs, out, load_config(config), rig, (begin, end), workers, progress)
+    for line in losses:
+        typer.echo(f"left out: {line}", err=True)
+    typer.echo(f"{out}: the map is finished; {out / 'report.html'} says how good it is")
+    if losses:
+        raise typer.Exit(3)

@@ -1,0 +1,147 @@
+"""The files of a finished map, each complete or absent, and the report that says how good it is."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import time
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from garbi_map import __version__
+from garbi_map.export import (
+    Quantity,
+    Report,
+    Source,
+    Span,
+    Topic,
+    describe_seabed,
+    write_glb,
+    write_hillshade,
+    write_report_html,
+    write_report_json,
+    write_seabed_tif,
+    write_text,
+    write_trajectory,
+)
+from garbi_map.progress import Progress
+from garbi_map.seabed import triangulate
+from garbi_map.sweep.store import SweepStore
+
+if TYPE_CHECKING:
+    from garbi_map.pipeline import Dive, Map
+
+_LIBRARIES = ("numpy", "scipy", "numba", "mcap", "rosbags", "filterpy", "kiss-icp", "open3d", "rerun-sdk", "laspy", "rasterio")
+
+OUTPUTS = {
+    "trajectory.tum": "map <- base_link, at 50 Hz and at every profile",
+    "cloud.laz": "accepted points with time, intensity and sigma",
+    "seabed.tif": "elevation, uncertainty, density and standard deviation per cell",
+    "seabed.glb": "the surface as a mesh",
+    "hillshade.png": "the surface from above",
+    "map.rrd": "everything in Rerun: garbi view DIR",
+    "report.json": "this report, for programs",
+    "report.html": "this report",
+    "config.yaml": "the configuration that was used, defaults included",
+}
+
+
+def write_outputs(
+    out: Path, dive: Dive, store: SweepStore, built: Map, started: float, progress: Progress
+) -> None:
+    """Write everything but cloud.laz, which the fusion has written; report.json and report.html come last."""
+    from garbi_map.view import record_map
+
+    progress.stage("files", 6)
+    begin = time.perf_counter()
+    write_trajectory(out / "trajectory.tum", built.registered.trajectory)
+    write_text(out / "config.yaml", dive.config.to_yaml())
+    progress.advance()
+    write_seabed_tif(out / "seabed.tif", built.seabed)
+    progress.advance()
+    mesh = triangulate(built.seabed, dive.config.export.max_triangles, dive.config.seabed.fill_holes)
+    write_glb(out / "seabed.glb", mesh)
+    progress.advance()
+    write_hillshade(out / "hillshade.png", built.seabed, dive.config.export, title=dive.paths[0].stem)
+    progress.advance()
+    dive.timings["files"] = time.perf_counter() - begin
+    begin = time.perf_counter()
+    record_map(out / "map.rrd", dive, store, built, mesh)
+    progress.advance()
+    dive.timings["recording"] = time.perf_counter() - begin
+    dive.timings["all"] = time.perf_counter() - started
+    report = make_report(dive, store, built)
+    write_report_json(out / "report.json", report)
+    write_report_html(out / "report.html", report, built.seabed, dive.config.export)
+    progress.advance()
+
+
+def make_report(dive: Dive, store: SweepStore, built: Map) -> Report:
+    """What was read, left out and reached."""
+    log = dive.log
+    entries = store.entries
+    left_out = [*log.losses, *dive.losses, *built.navigated.report.get("notes", [])]
+    return Report(
+        title=dive.paths[0].stem,
+        created=datetime.now(UTC).isoformat(timespec="seconds"),
+        source=Source(
+            paths=[str(path) for path in dive.paths],
+            begin_ns=log.begin_ns,
+            duration_s=(log.end_ns - log.begin_ns) * 1e-9,
+            images=log.image_count,
+            topics=[Topic(name=name, type=topic.type, count=topic.count) for name, topic in log.topics.items()],
+        ),
+        counts={
+            "images": log.image_count,
+            "profiles": sum(entry.profiles for entry in entries),
+            "sweeps": len(entries),
+            "points": sum(entry.points for entry in entries),
+            "accepted": built.builder.accepted,
+            "loop closures": built.registered.loops,
+        },
+        rejected=dict(built.builder.rejected),
+        left_out=left_out,
+        residuals=_residuals(built),
+        uncertainties=[*describe_seabed(built.seabed), *_pose_uncertainty(built)],
+        timings_s={name: round(seconds, 3) for name, seconds in dive.timings.items()},
+        timeline=[
+            Span(lane="sweeps", begin_s=(e.begin_ns - log.begin_ns) * 1e-9, end_s=(e.end_ns - log.begin_ns) * 1e-9)
+            for e in entries
+        ],
+        configuration=dive.config.model_dump(mode="json"),
+        versions={"garbi": __version__, **{name: importlib.metadata.version(name) for name in _LIBRARIES}},
+        outputs=OUTPUTS,
+    )
+
+
+def _residuals(built: Map) -> list[Quantity]:
+    registered = built.registered
+    before, after = registered.disagreement
+    drift = built.navigated.trajectory.at(registered.trajectory.stamp_ns).position - registered.trajectory.position
+    last = registered.rounds[-1][-1] if registered.rounds else None
+    return [
+        Quantity(name="sweep to sweep, navigation alone", value=1e3 * before, unit="mm", note="median distance"),
+        Quantity(name="sweep to sweep, this map", value=1e3 * after, unit="mm", note="median distance"),
+        Quantity(name="matches", value=float(last.matches) if last else 0.0, note="surfel pairs of the last round"),
+        Quantity(
+            name="drift found",
+            value=float(np.sqrt((drift**2).sum(axis=1).mean())),
+            unit="m",
+            note="rms between the navigation filter's and this trajectory",
+        ),
+        Quantity(
+            name="largest step of the pose graph", value=1e3 * float(registered.graph_step.max(initial=0.0)), unit="mm"
+        ),
+    ]
+
+
+def _pose_uncertainty(built: Map) -> list[Quantity]:
+    sigma = np.sqrt(np.diagonal(built.registered.trajectory.covariance, axis1=1, axis2=2))
+    middle = np.median(sigma, axis=0)
+    return [
+        Quantity(name="position, 1 sigma", value=1e3 * float(np.linalg.norm(middle[:3])), unit="mm", note="median"),
+        Quantity(name="roll and pitch, 1 sigma", value=float(np.rad2deg(middle[3:5].max())), unit="deg", note="median"),
+        Quantity(name="heading, 1 sigma", value=float(np.rad2deg(middle[5])), unit="deg", note="median, relative to north"),
+    ]

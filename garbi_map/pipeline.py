@@ -1,0 +1,153 @@
+"""From a recorded dive to a seabed map: the whole job, stage by stage."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from garbi_map.config import Config
+from garbi_map.errors import GarbiError
+from garbi_map.log import Log, Navigation, open_log
+from garbi_map.navigate import NavigationResult, Trajectory, navigate
+from garbi_map.progress import Progress, Silent, counted
+from garbi_map.register import Registered, register
+from garbi_map.rig import Rig, load_rig, parse_rig
+from garbi_map.scan import ScanLosses, scan, scan_key
+from garbi_map.seabed import AcceptedPoints, Seabed, SeabedBuilder, build_seabed
+from garbi_map.sweep import Sweep
+from garbi_map.sweep.store import SweepStore
+
+
+@dataclass
+class Dive:
+    """What is known of a dive as the stages go by; each stage fills in its part."""
+
+    paths: list[Path]
+    config: Config
+    log: Log
+    rig: Rig
+    navigation: Navigation
+    span_ns: tuple[int | None, int | None] = (None, None)
+    losses: list[str] = field(default_factory=list)
+    timings: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Map:
+    """The finished map, as the export stage wants it."""
+
+    navigated: NavigationResult
+    registered: Registered
+    seabed: Seabed
+    builder: SeabedBuilder
+
+
+def build_map(
+    paths: list[Path],
+    out: Path,
+    config: Config,
+    rig_path: Path | None = None,
+    span: tuple[float | None, float | None] = (None, None),
+    workers: int = 2,
+    progress: Progress | None = None,
+) -> list[str]:
+    """Build the seabed map of one or more logs into the folder `out`; returns what was left out, one line each.
+
+    span: first and last second to use, counted from the log's begin. Stopped and started again, it goes on after the last
+    finished stage that is worth keeping: the sweeps.
+    Raises GarbiError where the input cannot give a map.
+    """
+    from garbi_map.outputs import write_outputs
+
+    progress = progress or Silent()
+    started = time.perf_counter()
+    dive = open_dive(paths, config, rig_path, span)
+    out.mkdir(parents=True, exist_ok=True)
+    work = out / ".work"
+
+    with timed(dive, "stripes and sweeps"):
+        store = sweeps_of(dive, work, workers, progress)
+    with timed(dive, "navigation"):
+        progress.stage("navigation")
+        navigated = navigate(dive.navigation, config.navigate, store.stamps())
+    with timed(dive, "registration"):
+        progress.stage("registration")
+        registered = register(
+            store, dive.navigation, navigated, config.registration, config.navigate, progress.note
+        )
+    with timed(dive, "seabed"):
+        progress.stage("seabed", 2 * len(store))
+        seabed, builder = fuse(dive, store, registered.trajectory, out, progress)
+    write_outputs(out, dive, store, Map(navigated, registered, seabed, builder), started, progress)
+    shutil.rmtree(work, ignore_errors=True)
+    return [*dive.log.losses, *dive.losses]
+
+
+def open_dive(
+    paths: list[Path], config: Config, rig_path: Path | None, span: tuple[float | None, float | None] = (None, None)
+) -> Dive:
+    """The log, its rig and its navigation; a rig file that is given wins over the attached one."""
+    log = open_log(paths, config.log)
+    if rig_path is not None:
+        rig = load_rig(rig_path)
+    elif log.rig_text is not None:
+        rig = parse_rig(log.rig_text, f"{paths[0]}: attachment rig.yaml")
+    else:
+        raise GarbiError(f"{paths[0]}: the log carries no rig.yaml; give one with --rig rig.yaml")
+    if log.image_count == 0:
+        raise GarbiError(
+            f"{paths[0]}: no images on {config.log.topics.image}; name the topic in the configuration, log.topics.image"
+        )
+    begin_ns, end_ns = (None if t is None else log.begin_ns + round(t * 1e9) for t in span)
+    navigation = log.navigation(begin_ns, end_ns, joint=rig.laser.joint)
+    return Dive(paths, config, log, rig, navigation, (begin_ns, end_ns))
+
+
+def sweeps_of(dive: Dive, work: Path, workers: int, progress: Progress) -> SweepStore:
+    """The sweeps of the dive on disk: those of an interrupted run where nothing has changed since, else made now."""
+    folder = work / scan_key(dive.paths, dive.rig, dive.config, dive.span_ns)
+    store = SweepStore.open(folder)
+    if store is None:
+        shutil.rmtree(work, ignore_errors=True)
+        progress.stage("stripes and sweeps", dive.log.image_count)
+        losses = ScanLosses()
+        store = SweepStore(folder)
+        for sweep in scan(dive.log, dive.rig, dive.navigation, dive.config, dive.span_ns, workers, losses, progress):
+            store.add(sweep)
+        store.finish(losses.lines())
+    dive.losses += store.losses
+    if len(store) == 0:
+        raise GarbiError(f"{dive.paths[0]}: the laser is not seen in any image; look at it with garbi stripe --overlay")
+    return store
+
+
+def fuse(
+    dive: Dive, store: SweepStore, trajectory: Trajectory, out: Path, progress: Progress
+) -> tuple[Seabed, SeabedBuilder]:
+    """The accepted points of all sweeps, into cloud.laz and the surface."""
+    from garbi_map.export import CloudWriter
+
+    mount = dive.navigation.mount("rig")
+
+    def posed() -> Iterator[tuple[Sweep, Trajectory]]:
+        for sweep in counted(store, progress):
+            yield sweep, trajectory.at(sweep.stamp_ns).mounted(mount)
+
+    with CloudWriter(out / "cloud.laz", dive.config.export.cloud_scale) as cloud:
+
+        def take(points: AcceptedPoints) -> None:
+            cloud.write(points)
+
+        return build_seabed(posed, dive.config.seabed, mount, take)
+
+
+@contextmanager
+def timed(dive: Dive, stage: str) -> Iterator[None]:
+    """Adds the seconds of a stage to the dive's timings."""
+    begin = time.perf_counter()
+    yield
+    dive.timings[stage] = time.perf_counter() - begin

@@ -1,0 +1,149 @@
+"""Motion inside and between sweeps, from what the sweeps see twice: turning points first.
+
+At a turning point of the laser the same ground is seen twice within a fraction of a second, so that the two views fit
+whatever the trajectory is. Matches near in time fix the velocity there, two velocities and the accelerometer between them
+fix tilt and bias, and then matches farther apart in time come within reach. Each round makes surfels with the motion as it
+is known, matches those that are near in space and time, and solves one linear least-squares problem for all of the motion.
+Relatives: Bosse and Zlot, Continuous 3D scan-matching (ICRA 2009); Ramezani et al., Wildcat (2022).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from garbi_map.register import kernels
+from garbi_map.register.factors import Calm, Factor
+from garbi_map.register.motion import Motion
+from garbi_map.register.normal_equations import NormalEquations
+from garbi_map.register.settings import DriftSettings
+from garbi_map.register.surfels import Surfels, extract_surfels, join, match_surfels
+
+Floats = NDArray[np.float64]
+
+_REACH = (0.6, 0.6, 0.9, 1.3, 1.3, 2.0, 2.0, 3.0, 4.5, 7.0, 10.0, 10.0, 20.0, 40.0, 80.0, np.inf, np.inf, np.inf, np.inf)
+"""Longest time between matched surfels in each round, s."""
+_NEAR = 9
+"""Rounds that stay near in time: what they find is true locally, wherever the vehicle is."""
+_RESTRAINED = 4
+"""Rounds in which a prior on the velocity keeps the inertial solution from running away."""
+_LATERAL = 0.12
+"""How much a surface leaves its tangent plane: a match is that share of its lateral offset less sure."""
+
+
+@dataclass(frozen=True)
+class Scans:
+    """Profiles in base_link, metres, and their times.
+
+    points (n, 3), sigma (n,) m, profile (n,) index of each point's profile; time (m,) s and sweep (m,) of each profile.
+    """
+
+    points: Floats
+    sigma: NDArray[np.float32]
+    profile: NDArray[np.int32]
+    time: Floats
+    sweep: NDArray[np.int64]
+
+    def placed(self, motion: Motion) -> Floats:
+        """The points (n, 3) in the map as the motion has them."""
+        out = np.empty_like(self.points)
+        matrix, position = motion.rotation(self.time).as_matrix(), motion.position(self.time)
+        kernels.transform_profiles(self.points, self.profile, matrix, position, out)
+        return out
+
+    def surfels(self, motion: Motion, size: float, fewest: int) -> Surfels:
+        """Surfels of every sweep as the motion has them."""
+        time = self.time[self.profile]
+        viewpoint = motion.position(self.time)[self.profile]
+        sweep = self.sweep[self.profile]
+        return extract_surfels(self.placed(motion), self.sigma.astype(float), time, sweep, viewpoint, size, fewest)
+
+
+@dataclass(frozen=True)
+class Round:
+    """What one round found: how far apart in time, the number of matches, their median distance m, the largest step m."""
+
+    reach: float
+    matches: int
+    distance: float
+    step: float
+
+
+def estimate_drift(
+    scans: Scans,
+    motion: Motion,
+    factors: Sequence[Factor],
+    settings: DriftSettings,
+    near_only: bool = False,
+    far_only: bool = False,
+    elsewhere: Surfels | None = None,
+    progress: Callable[[Round], None] = lambda _: None,
+) -> tuple[list[Round], NormalEquations]:
+    """Moves `motion` until the sweeps agree; returns what each round found and the last round's problem.
+
+    near_only stops before matches far apart in time, far_only begins with them. elsewhere: surfels of settled sweeps that
+    are not among the scans.
+    """
+    count = len(_REACH)
+    chosen = range(_NEAR) if near_only else range(_NEAR if far_only else 0, count)
+    gates = np.r_[np.geomspace(settings.coarse_gate, settings.gate, count - 2), [settings.gate] * 2]
+    sizes = np.r_[np.linspace(settings.coarse_surfel_size, settings.surfel_size, count - 4), [settings.surfel_size] * 4]
+    sigmas = np.r_[np.geomspace(settings.coarse_match_sigma, settings.match_sigma, count - 1), settings.match_sigma]
+    restraint = Calm(settings.attitude_knots / 2, 0.15, derivative=1)
+    rounds: list[Round] = []
+    problem = NormalEquations(motion.size)
+    for k in chosen:
+        problem = NormalEquations(motion.size)
+        for factor in factors:
+            factor.add(problem, motion)
+        if k < _RESTRAINED:
+            restraint.add(problem, motion)
+        surfels = scans.surfels(motion, sizes[k], settings.surfel_points)
+        matches, distance = add_matches(problem, motion, surfels, gates[k], _REACH[k], sigmas[k], elsewhere)
+        step = problem.solve()
+        motion.step(step)
+        for factor in factors:
+            factor.reestimate(motion)
+        rounds.append(Round(_REACH[k], matches, distance, float(np.abs(step[: motion.attitude_offset]).max())))
+        progress(rounds[-1])
+    return rounds, problem
+
+
+def add_matches(
+    problem: NormalEquations,
+    motion: Motion,
+    surfels: Surfels,
+    gate: float,
+    reach: float,
+    sigma: float,
+    settled: Surfels | None = None,
+) -> tuple[int, float]:
+    """Adds n . (m_i - m_j) = 0 for matched surfels; returns their number and median distance, m.
+
+    Both poses are unknown, but for a settled surfel's, which stays where it is.
+    """
+    moving = len(surfels.mean)
+    if settled is not None:
+        surfels = join(surfels, settled)
+    first, second = match_surfels(surfels, gate, reach)
+    useful = (first < moving) | (second < moving)
+    first, second = first[useful], second[useful]
+    if len(first) == 0:
+        return 0, 0.0
+    normal = surfels.normal[first] + surfels.normal[second]
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    between = surfels.mean[first] - surfels.mean[second]
+    residual = np.einsum("nk,nk->n", normal, between)
+    lateral = np.sqrt(np.maximum(np.einsum("nk,nk->n", between, between) - residual**2, 0.0))
+    runs = []
+    for index, sign in ((first, 1.0), (second, -1.0)):
+        t = np.clip(surfels.time[index], motion.begin, motion.end)
+        axes = np.where((index < moving)[:, None], sign * normal, 0.0)
+        arm = surfels.mean[index] - motion.position(t)
+        runs.append(motion.position_run(t, axes))
+        runs.append(motion.attitude_run(t, np.cross(arm, axes)))
+    problem.add(residual, np.hypot(sigma, _LATERAL * lateral), runs, cauchy=2.0)
+    return len(first), float(np.median(np.abs(residual)))

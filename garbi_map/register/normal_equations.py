@@ -1,0 +1,76 @@
+"""A least-squares problem whose rows touch a few runs of neighbouring unknowns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from garbi_map.register import kernels
+
+Floats = NDArray[np.float64]
+
+RUN = 12
+"""Unknowns in a run: four control points of a cubic spline in three axes."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """What n rows have to do with twelve consecutive unknowns each.
+
+    start (n,) first unknown, value (n, 12) derivatives of the rows' residuals.
+    """
+
+    start: NDArray[np.int64]
+    value: Floats
+
+
+def spline_run(first: NDArray[np.int64], weights: Floats, axes: Floats, offset: int) -> Run:
+    """Rows that depend on `axes` (n, 3) . spline(t), the spline's control points starting at the unknown `offset`.
+
+    first (n,) and weights (n, 4) come from UniformSpline.basis.
+    """
+    return Run(offset + 3 * first, (weights[:, :, None] * axes[:, None, :]).reshape(len(first), RUN))
+
+
+
+class NormalEquations:
+    """Accumulates J' W J and J' W r of rows residual + J x = 0 and solves for x."""
+
+    def __init__(self, size: int) -> None:
+        self.matrix = np.zeros((size, size))
+        self.vector = np.zeros(size)
+
+    def add(self, residual: Floats, sigma: Floats | float, runs: list[Run], cauchy: float | None = None) -> Floats:
+        """Add n rows with residual (n,), 1 sigma (n,) or scalar, and the runs they touch; returns the weights (n,).
+
+        cauchy: the residual, in sigmas, beyond which a row loses its say (Cauchy weights by iteration, Holland and Welsch
+        1977); None for plain least squares.
+        """
+        weight = np.broadcast_to(1.0 / np.square(np.asarray(sigma, float)), residual.shape)
+        if cauchy is not None:
+            weight = weight / (1.0 + residual**2 * weight / cauchy**2)
+        kernels.accumulate_normal_equations(
+            np.ascontiguousarray(np.stack([run.start for run in runs], axis=1)),
+            np.ascontiguousarray(np.stack([run.value for run in runs], axis=1)),
+            np.ascontiguousarray(residual, float),
+            np.ascontiguousarray(weight, float),
+            self.matrix,
+            self.vector,
+        )
+        return weight
+
+    def solve(self) -> Floats:
+        """The step x (size,) that minimises the weighted squares."""
+        from scipy.linalg import cho_factor, cho_solve
+
+        self.matrix[np.diag_indices_from(self.matrix)] += 1e-9
+        return cho_solve(cho_factor(self.matrix, lower=True, check_finite=False), -self.vector, check_finite=False)
+
+    def covariance(self) -> Floats:
+        """The inverse of the accumulated information (size, size)."""
+        from scipy.linalg import cho_factor, cho_solve
+
+        factor = cho_factor(self.matrix, lower=True, check_finite=False)
+        return cho_solve(factor, np.eye(len(self.vector)), check_finite=False)

@@ -1,0 +1,148 @@
+"""The register room's whole job: neighbours in time, then sweeps against the map, then everything at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation, Slerp
+
+from garbi_map.log.records import Mount, Navigation
+from garbi_map.navigate import NavigationResult, Trajectory
+from garbi_map.navigate.settings import NavigateSettings
+from garbi_map.register.drift import Round
+from garbi_map.register.front_end import close_loops, scan_to_map
+from garbi_map.register.motion import DVL_SCALE
+from garbi_map.register.pose_graph import optimise
+from garbi_map.register.sensors import Sensors
+from garbi_map.register.settings import RegisterSettings
+from garbi_map.register.surfels import Surfels, match_surfels
+from garbi_map.register.windows import Path, Solution, solve_far, solve_near
+from garbi_map.sweep.store import SweepStore
+
+Floats = NDArray[np.float64]
+
+_NEIGHBOUR = np.array([0.004, 0.004, 0.004, 0.002, 0.002, 0.002])
+"""How much the drift changes between neighbouring sweeps after the near rounds, 1 sigma, m and rad."""
+
+
+@dataclass(frozen=True)
+class Registered:
+    """The trajectory after drift correction, and what was found on the way.
+
+    trajectory   map <- base_link at 50 Hz and at every profile
+    rounds       what each round of the drift estimate found, per window, the far rounds after the near ones
+    graph_step   (k,) m, how far the pose graph moved each sweep
+    loops        number of loop closures that were verified
+    disagreement median distance between overlapping sweeps, m: with the navigation filter's trajectory and with ours
+    constants    what was learnt of the sensors, with units in the names
+    """
+
+    trajectory: Trajectory
+    rounds: list[list[Round]]
+    graph_step: Floats
+    loops: int
+    disagreement: tuple[float, float]
+    constants: dict[str, Any]
+
+
+def register(
+    store: SweepStore,
+    log: Navigation,
+    navigated: NavigationResult,
+    settings: RegisterSettings,
+    navigate: NavigateSettings,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Registered:
+    """One consistent trajectory for all sweeps of a store.
+
+    The result begins where the navigation filter's trajectory begins.
+    """
+    mount = log.mount("rig")
+    stamps = store.stamps()
+    prior = navigated.trajectory
+    sensors = Sensors(log, prior, navigated.inertial, navigated.attitude, navigate, int(stamps[0]))
+    span = (0.0, float((stamps[-1] - stamps[0]) * 1e-9))
+
+    progress("neighbours in time")
+    near = solve_near(store, mount, sensors, span, settings.drift, progress)
+    progress("sweeps against the map")
+    corrections, constraints = scan_to_map(near.surfels, settings.front_end)
+    loops = close_loops(near.surfels, corrections, settings.front_end)
+    corrections = optimise(corrections, constraints + loops, _NEIGHBOUR)
+    closed = _apply(near.path, near.surfels, corrections)
+    progress("all sweeps at once")
+    far = solve_far(store, mount, sensors, closed, settings.drift, progress)
+
+    return Registered(
+        trajectory=_trajectory(far.path, sensors.epoch_ns, stamps),
+        rounds=near.rounds + far.rounds,
+        graph_step=_steps(near.surfels, corrections),
+        loops=len(loops),
+        disagreement=(_disagreement(_placed_by(prior, near, sensors)), _disagreement(far.surfels)),
+        constants=_constants(far),
+    )
+
+
+def _apply(path: Path, surfels: Surfels, corrections: list[Floats]) -> Path:
+    """The path with the sweeps' corrections, which are those of the sweep's middle and change linearly in between."""
+    seen = np.unique(surfels.sweep)
+    if len(seen) < 2:
+        return path
+    middle = np.array([surfels.time[surfels.sweep == sweep].mean() for sweep in seen])
+    transforms = np.array([corrections[sweep] for sweep in seen])
+    centre = surfels.mean.mean(axis=0)
+    shift = transforms[:, :3, :3] @ centre + transforms[:, :3, 3] - centre
+    t = np.clip(path.time, middle[0], middle[-1])
+    turn = Slerp(middle, Rotation.from_matrix(transforms[:, :3, :3]))(t)
+    moved = np.stack([np.interp(t, middle, column) for column in shift.T], axis=1)
+    position = turn.apply(path.position - centre) + centre + moved
+    return Path(path.time, position, (turn * Rotation.from_quat(path.quaternion)).as_quat(), path.covariance)
+
+
+def _steps(surfels: Surfels, corrections: list[Floats]) -> Floats:
+    """How far (k,) m the centre of each sweep was moved."""
+    out = np.zeros(len(corrections))
+    for sweep in np.unique(surfels.sweep):
+        centre = surfels.mean[surfels.sweep == sweep].mean(axis=0)
+        out[sweep] = np.linalg.norm(corrections[sweep][:3, :3] @ centre + corrections[sweep][:3, 3] - centre)
+    return out
+
+
+def _placed_by(prior: Trajectory, near: Solution, sensors: Sensors) -> Surfels:
+    """The surfels where the navigation filter alone would have put them."""
+    t = near.surfels.time
+    position, rotation = near.path.at(t)
+    there = prior.at(sensors.epoch_ns + np.round(t * 1e9).astype(np.int64))
+    body = rotation.inv().apply(near.surfels.mean - position)
+    normal = rotation.inv().apply(near.surfels.normal)
+    moved = there.rotation.apply(body) + there.position
+    return Surfels(moved, there.rotation.apply(normal), t, near.surfels.sweep, near.surfels.thickness)
+
+
+def _disagreement(surfels: Surfels) -> float:
+    """Median point-to-plane distance, m, of surfels of different sweeps that lie within 5 cm of each other."""
+    first, second = match_surfels(surfels, 0.05, np.inf)
+    if len(first) == 0:
+        return float("nan")
+    between = surfels.mean[first] - surfels.mean[second]
+    return float(np.median(np.abs(np.einsum("nk,nk->n", between, surfels.normal[first]))))
+
+
+def _trajectory(path: Path, epoch_ns: int, stamps: NDArray[np.int64]) -> Trajectory:
+    own = epoch_ns + np.round(path.time * 1e9).astype(np.int64)
+    dense = Trajectory(own, path.position, path.quaternion, path.covariance)
+    return dense.at(np.union1d(own, stamps))
+
+
+def _constants(solution: Solution) -> dict[str, Any]:
+    mean = np.mean(solution.constants, axis=0)
+    return {
+        "accelerometer_bias_m_s2": mean[:3].tolist(),
+        "gyro_bias_change_rad_s": mean[3:6].tolist(),
+        "dvl_scale": float(mean[DVL_SCALE]),
+        "sigma": solution.sigmas[-1],
+    }

@@ -1,0 +1,179 @@
+"""Which factors a log offers for a stretch of time, and the attitude that they correct."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from garbi_map.log.records import Navigation, Stamps
+from garbi_map.navigate import GyroAttitude, Inertial, Trajectory
+from garbi_map.navigate.settings import NavigateSettings
+from garbi_map.register.factors import (
+    Acceleration,
+    AttitudeCorrection,
+    BottomTrack,
+    Calm,
+    Factor,
+    Gauge,
+    Height,
+    Position,
+)
+from garbi_map.register.motion import PriorAttitude
+from garbi_map.register.settings import DriftSettings
+
+Floats = NDArray[np.float64]
+
+_BIN = 0.04
+"""Accelerations are averaged over this many seconds: shorter than the position's knots, longer than the sensor's noise."""
+_UNKNOWN_TURNING = np.deg2rad(1.5)
+"""Rate, rad/s, at which a vehicle turns of which no sensor tells."""
+_UNKNOWN_ACCELERATION = 0.08
+"""m/s^2, likewise."""
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """Everything that is known of the motion besides the sweeps; times are seconds after `epoch_ns`.
+
+    trajectory: the navigation filter's; inertial and gyro: None where the log has no IMU.
+    """
+
+    log: Navigation
+    trajectory: Trajectory
+    inertial: Inertial | None
+    gyro: GyroAttitude | None
+    navigate: NavigateSettings
+    epoch_ns: int
+
+    def seconds(self, stamp_ns: Stamps) -> Floats:
+        """Times (n,) s of stamps (n,)."""
+        return (stamp_ns - self.epoch_ns) * 1e-9
+
+    @property
+    def prior_attitude(self) -> PriorAttitude:
+        """The gyro's attitude where there is one: its short-term shape is better than any filter's; else the filter's."""
+        source = self.gyro or self.trajectory
+        return PriorAttitude(self.seconds(source.stamp_ns), source.quaternion)
+
+    @property
+    def attitude_known(self) -> bool:
+        """Whether a gyro or somebody else's odometry tells how the vehicle turns."""
+        return self.gyro is not None or self.log.odometry is not None or self._topic_attitude
+
+    @property
+    def _topic_attitude(self) -> bool:
+        return self.inertial is not None and bool(np.isfinite(self.inertial.attitude).any())
+
+    def attitude_knots(self, settings: DriftSettings) -> float:
+        """Spacing, s: a turning that no sensor tells needs as many knots as the position."""
+        return settings.attitude_knots if self.attitude_known else 2.0 * settings.position_knots
+
+    def factors(self, begin: float, end: float, settings: DriftSettings, start: Floats | None) -> list[Factor]:
+        """The factors of [begin, end] s; start (3,): where the vehicle is at `begin`, None if something else says so."""
+        out: list[Factor] = [self._attitude(settings)]
+        axes: tuple[int, ...] = (0, 1, 2)
+        accelerations = self._accelerations(begin, end)
+        if accelerations is None:
+            out.append(Calm(settings.position_knots, _UNKNOWN_ACCELERATION, derivative=2))
+        else:
+            out.append(accelerations)
+        heights = self._heights(begin, end)
+        if heights is not None:
+            out.append(heights)
+            axes = (0, 1)
+        bottom_track = self._bottom_track(begin, end)
+        if bottom_track is not None:
+            out.append(bottom_track)
+        out.extend(self._positions(begin, end))
+        out.append(Gauge(axes if start is not None else (), np.zeros(3) if start is None else start, self._constants()))
+        return out
+
+    def _constants(self) -> Floats:
+        gyro_bias = 0.01
+        if self.gyro is not None:
+            gyro_bias = float(np.clip(3.0 * self.gyro.bias_sigma.max(), 5e-4, 0.01))
+        return np.array([0.1, 0.1, 0.1, gyro_bias, gyro_bias, gyro_bias, 0.02, 1e-6, 1.0, 1.0, 1.0, 1.0])
+
+    def _attitude(self, settings: DriftSettings) -> AttitudeCorrection:
+        spacing = self.attitude_knots(settings)
+        if not self.attitude_known:
+            return AttitudeCorrection(np.deg2rad([3.0, 3.0, 5.0]), spacing, _UNKNOWN_TURNING, adaptive=False)
+        magnitude = np.deg2rad([0.5, 0.5, 2.0])
+        if self.gyro is not None:
+            magnitude = np.maximum(magnitude, np.minimum(np.median(self.gyro.sigma, axis=0), np.deg2rad(5.0)))
+        return AttitudeCorrection(magnitude, spacing, np.deg2rad(0.05))
+
+    def _accelerations(self, begin: float, end: float) -> Acceleration | None:
+        series = self.inertial
+        if series is None or self.gyro is None or not series.force_known.any():
+            return None
+        time = self.seconds(series.stamp_ns)
+        here = (time >= begin) & (time < end)
+        if here.sum() < 10:
+            return None
+        time, known = time[here], series.force_known[here] & series.rate_known[here]
+        rate = series.rate[here] - self.gyro.bias_series[here]
+        values = np.hstack([time[:, None], series.specific_force[here], rate, known[:, None]])
+        number = np.floor((time - time[0]) / _BIN).astype(np.int64)
+        count = np.bincount(number)
+        means = np.stack([np.bincount(number, column) for column in values.T], axis=1)[count > 0]
+        means /= count[count > 0][:, None]
+        t, force, rate = means[:, 0], means[:, 1:4], means[:, 4:7]
+        if len(t) < 3:
+            return None
+        turning = np.gradient(rate, t, axis=0)
+        lever = series.lever_arm
+        arm = np.cross(turning, lever) + np.cross(rate, np.cross(rate, lever))
+        whole = means[:, 7] > 0.99
+        return Acceleration(t[whole], force[whole], arm[whole]) if whole.sum() > 2 else None
+
+    def _heights(self, begin: float, end: float) -> Height | None:
+        pressure = self.log.pressure
+        if pressure is None:
+            return None
+        time = self.seconds(pressure.stamp_ns)
+        here = (time >= begin) & (time <= end)
+        if not here.any():
+            return None
+        water = self.navigate
+        depth = (pressure.pressure[here] - water.atmosphere) / (water.water_density * water.gravity)
+        return Height(time[here], -depth, self.log.mount("pressure_link").translation)
+
+    def _bottom_track(self, begin: float, end: float) -> BottomTrack | None:
+        dvl, odometry = self.log.dvl, self.log.odometry
+        if dvl is not None:
+            time = self.seconds(dvl.stamp_ns)
+            here = (time >= begin) & (time <= end) & np.isfinite(dvl.velocity).all(axis=1)
+            if here.sum() < 3:
+                return None
+            mount = self.log.mount("dvl_link")
+            velocity = Rotation.from_quat(mount.quaternion).apply(dvl.velocity[here])
+            return BottomTrack(time[here], velocity, self._rates(time[here]), mount.translation)
+        if odometry is not None:
+            time = self.seconds(self.trajectory.stamp_ns)
+            here = (time >= begin) & (time <= end)
+            if here.sum() < 3:
+                return None
+            velocity = np.gradient(self.trajectory.position[here], time[here], axis=0)
+            turned = self.trajectory.rotation[here].inv().apply(velocity)
+            return BottomTrack(time[here], turned, np.zeros_like(turned), np.zeros(3))
+        return None
+
+    def _rates(self, t: Floats) -> Floats:
+        if self.inertial is None:
+            return np.zeros((len(t), 3))
+        time = self.seconds(self.inertial.stamp_ns)
+        bias = 0.0 if self.gyro is None else self.gyro.bias
+        return np.stack([np.interp(t, time, column) for column in self.inertial.rate.T], axis=1) - bias
+
+    def _positions(self, begin: float, end: float) -> list[Factor]:
+        """Absolute fixes and odometry, through the filter's smoothed trajectory, once a second."""
+        if self.log.fixes is None and self.log.odometry is None:
+            return []
+        t = np.arange(begin, end, 1.0)
+        there = self.trajectory.at(self.epoch_ns + np.round(t * 1e9).astype(np.int64))
+        variance = np.trace(there.covariance[:, :3, :3], axis1=1, axis2=2) / 3.0
+        return [Position(t, there.position, float(np.sqrt(np.median(variance)) * np.sqrt(max(len(t) / 4.0, 1.0))))]

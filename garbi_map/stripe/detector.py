@@ -1,0 +1,125 @@
+"""The laser line in one image."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from garbi_map.rig import Rig
+from garbi_map.stripe import kernels
+from garbi_map.stripe.gate import BITS, gate_table
+from garbi_map.stripe.settings import StripeSettings
+from garbi_map.stripe.types import Stripe
+
+_CHANNELS = {"blue": 0, "green": 1, "red": 2, "mono": 0}
+_REACH = 12
+"""px from a peak to what counts as its surroundings while candidates are looked for."""
+_SHOT_GAIN = 0.05
+"""Variance per grey level that a pixel gains by photon noise; the floor is measured in each image."""
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """All peaks of an image, up to three a row: u, sigma, amplitude (h, 3), NaN where none; chosen (h,) number or -1."""
+
+    u: NDArray[np.float64]
+    sigma: NDArray[np.float64]
+    amplitude: NDArray[np.float64]
+    saturated: NDArray[np.bool_]
+    chosen: NDArray[np.int64]
+    spread: float
+    noise: float
+
+
+class StripeDetector:
+    """Finds the stripe in decoded images of one rig; safe to use from several threads.
+
+    rig: bounds where the stripe can be; None to look everywhere.
+    """
+
+    def __init__(self, settings: StripeSettings, rig: Rig | None = None) -> None:
+        self.settings, self.rig = settings, rig
+        self._table = gate_table(settings)
+        self._channel = _CHANNELS[settings.laser]
+
+    def detect(self, image: NDArray[np.uint8], stamp_ns: int, alpha: float | None = None) -> Stripe:
+        """The stripe in an image (h, w) or (h, w, 3) BGR, uint8; alpha: the laser's angle, rad, where it is known."""
+        if self.settings.method == "paper":
+            return self._by_paper(_planes(image), stamp_ns)
+        found = self.candidates(image, alpha)
+        rows = np.flatnonzero(found.chosen >= 0)
+        pick = found.chosen[rows]
+        return Stripe(
+            stamp_ns,
+            rows.astype(np.int32),
+            found.u[rows, pick].astype(np.float32),
+            found.sigma[rows, pick].astype(np.float32),
+            found.amplitude[rows, pick].astype(np.float32),
+            found.saturated[rows, pick],
+        )
+
+    def candidates(self, image: NDArray[np.uint8], alpha: float | None = None) -> Candidates:
+        """Everything that may be the stripe, and which of it was chosen."""
+        settings = self.settings
+        image = _planes(image)
+        rows, columns = image.shape[:2]
+        channel = self._channel if image.shape[2] == 3 else 0
+        first, last = self._window(rows, columns, alpha)
+        noise = float(kernels.noise_of(image, channel, max(rows // 64, 1)))
+        threshold = max(0.6 * settings.least_contrast, 0.45 * settings.significance * noise)
+        shape = (rows, kernels.CANDIDATES)
+        place, contrast, width = np.empty(shape, np.int64), np.zeros(shape), np.zeros(shape)
+        reach = min(_REACH, max((columns - 6) // 2, 1))
+        kernels.find_candidates(
+            image, self._table, 8 - BITS, channel, first, last, reach, threshold, place, contrast, width
+        )
+        spread = settings.width or _typical_spread(place, contrast, width)
+        u, sigma, amplitude = np.full(shape, np.nan), np.zeros(shape), np.zeros(shape)
+        saturated = np.zeros(shape, np.bool_)
+        kernels.refine(image, channel, place, spread, noise, _SHOT_GAIN, u, sigma, amplitude, saturated)
+        weak = amplitude < max(settings.least_contrast, settings.significance * noise)
+        u[weak] = np.nan
+        chosen = np.empty(rows, np.int64)
+        kernels.choose(u, amplitude, settings.largest_step, settings.least_run, chosen)
+        return Candidates(u, sigma, amplitude, saturated, chosen, spread, noise)
+
+    def _window(self, rows: int, columns: int, alpha: float | None) -> tuple[NDArray, NDArray]:
+        settings = self.settings
+        if self.rig is None or alpha is None or not settings.window or not np.isfinite(alpha):
+            return np.zeros(rows), np.full(rows, columns - 1.0)
+        first, last = self.rig.column_window(alpha, settings.min_range, settings.max_range)
+        return (
+            np.nan_to_num(first - settings.window_margin, nan=0.0),
+            np.nan_to_num(last + settings.window_margin, nan=-1.0),
+        )
+
+    def _by_paper(self, image: NDArray[np.uint8], stamp_ns: int) -> Stripe:
+        rows = len(image)
+        u, amplitude = np.empty(rows), np.empty(rows)
+        if image.shape[2] == 1:
+            image = np.repeat(image, 3, axis=2)
+        kernels.paper_rows(image, self._table, 8 - BITS, u, amplitude)
+        row = np.flatnonzero(np.isfinite(u))
+        return Stripe(
+            stamp_ns,
+            row.astype(np.int32),
+            u[row].astype(np.float32),
+            np.full(len(row), 0.5, np.float32),
+            amplitude[row].astype(np.float32),
+            amplitude[row] >= 254,
+        )
+
+
+def _planes(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    return np.ascontiguousarray(image if image.ndim == 3 else image[:, :, None])
+
+
+def _typical_spread(place: NDArray, contrast: NDArray, width: NDArray) -> float:
+    """1 sigma, px, of the stripe's profile: the median of what the stronger half of the rows shows."""
+    strongest = place[:, 0] >= 0
+    if strongest.sum() < 8:
+        return 2.0
+    strong = strongest & (contrast[:, 0] >= np.median(contrast[strongest, 0]))
+    return float(np.clip(np.median(width[strong, 0]) / 2.3548, 0.8, 8.0))

@@ -1,0 +1,92 @@
+"""Sweeps on disk, so that memory does not grow with the length of the dive."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from garbi_map.sweep.types import Sweep
+
+_ARRAYS = ("stamp_ns", "alpha", "points", "sigma", "intensity", "profile", "row")
+_CATALOGUE = "sweeps.json"
+
+
+@dataclass(frozen=True)
+class StoredSweep:
+    """What is known of a sweep without opening its file: first and last stamp (ns), number of profiles and points."""
+
+    index: int
+    begin_ns: int
+    end_ns: int
+    profiles: int
+    points: int
+
+
+class SweepStore:
+    """A folder with one file per sweep and a catalogue, which is written last: without it the folder is unfinished."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.entries: list[StoredSweep] = []
+        self.losses: list[str] = []
+
+    @classmethod
+    def open(cls, folder: Path) -> SweepStore | None:
+        """The finished store in a folder, or None."""
+        try:
+            catalogue = json.loads((folder / _CATALOGUE).read_text())
+        except (OSError, ValueError):
+            return None
+        store = cls(folder)
+        store.entries = [StoredSweep(**entry) for entry in catalogue["sweeps"]]
+        store.losses = catalogue["losses"]
+        return store
+
+    def add(self, sweep: Sweep) -> None:
+        """Writes a sweep; points as float32, which resolves a micrometre at ten metres."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        arrays = {name: getattr(sweep, name) for name in _ARRAYS}
+        arrays["points"] = sweep.points.astype(np.float32)
+        np.savez(self._file(len(self.entries)), **arrays)
+        stamps = sweep.stamp_ns
+        self.entries.append(
+            StoredSweep(len(self.entries), int(stamps[0]), int(stamps[-1]), len(stamps), len(sweep.points))
+        )
+
+    def finish(self, losses: list[str]) -> None:
+        """Writes the catalogue, with what was left out on the way; from now on the store can be opened again."""
+        self.losses = losses
+        self.folder.mkdir(parents=True, exist_ok=True)
+        aside = self.folder / (_CATALOGUE + ".part")
+        aside.write_text(json.dumps({"sweeps": [asdict(entry) for entry in self.entries], "losses": losses}))
+        aside.rename(self.folder / _CATALOGUE)
+
+    def load(self, index: int) -> Sweep:
+        """One sweep, points as float64."""
+        with np.load(self._file(index)) as file:
+            arrays = {name: file[name] for name in _ARRAYS}
+        arrays["points"] = arrays["points"].astype(np.float64)
+        return Sweep(index=index, **arrays)
+
+    def __len__(self) -> int:
+        return len(self.entries)
+
+    def __iter__(self) -> Iterator[Sweep]:
+        for entry in self.entries:
+            yield self.load(entry.index)
+
+    def stamps(self) -> NDArray[np.int64]:
+        """The stamps (m,) of all profiles, in order of the sweeps."""
+        stamps = []
+        for entry in self.entries:
+            with np.load(self._file(entry.index)) as file:
+                stamps.append(file["stamp_ns"])
+        return np.concatenate(stamps) if stamps else np.empty(0, np.int64)
+
+    def _file(self, index: int) -> Path:
+        return self.folder / f"{index:06d}.npz"

@@ -1,0 +1,86 @@
+"""A dive as a log, and its truth beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from garbi_map.log import LogWriter, Topics
+from tools.simulator.dive import Dive
+from tools.simulator.sensors import START_NS, to_ns
+
+TRUTH_RATE = 100.0  # Hz, of truth_trajectory.tum
+TRUTH_TOPIC_RATE = 20.0  # Hz, of /truth/odometry
+
+
+def write_log(dive: Dive, path: Path, workers: int = 2, progress: Callable[[int, int], None] | None = None) -> None:
+    """Render the dive into an MCAP log, in order of arrival; `progress(done, all)` is told after each image.
+
+    The log carries rig.yaml as attachment and the truth as /truth/odometry."""
+    total = len(dive.exposures)
+    with LogWriter(path, Topics(odometry="/truth/odometry")) as log:
+        log.attach("rig.yaml", "application/yaml", dive.rig.to_yaml().encode())
+        log.write_metadata("garbi.simulator", {"scenario": dive.scenario.model_dump_json()})
+        log.write_mounts(START_NS, dive.mounts)
+        camera = dive.rig.camera
+        matrix = [[camera.alpha_u, 0, camera.u0], [0, camera.alpha_v, camera.v0], [0, 0, 1]]
+        log.write_camera_info(START_NS, camera.width, camera.height, matrix, list(camera.distortion))
+        messages = _navigation_messages(dive, log)
+        sent = 0
+        for done, image in enumerate(dive.images(workers), 1):
+            while sent < len(messages) and messages[sent][0] <= image.arrival_ns:
+                messages[sent][1]()
+                sent += 1
+            log.write_image(image, camera.frame_id)
+            if progress:
+                progress(done, total)
+        for _, send in messages[sent:]:
+            send()
+
+
+def _navigation_messages(dive: Dive, log: LogWriter) -> list[tuple[int, Callable[[], None]]]:
+    """(arrival, what writes it) of every message but the images, in order of arrival."""
+    navigation = dive.navigation()
+    messages: list[tuple[int, Callable[[], None]]] = []
+
+    def add(arrival: int, write: Callable[..., None], *values: object) -> None:
+        messages.append((int(arrival), lambda: write(*values)))
+
+    if (encoder := navigation.encoder) is not None:
+        joint = dive.rig.laser.joint
+        for stamp, arrival, angle in zip(encoder.stamp_ns, encoder.arrival_ns, encoder.angle, strict=True):
+            add(arrival, log.write_encoder, stamp, angle, arrival, joint)
+    if (imu := navigation.imu) is not None:
+        for i, stamp in enumerate(imu.stamp_ns):
+            known = bool(np.isfinite(imu.attitude[i, 0]))
+            attitude, covariance = (imu.attitude[i], imu.attitude_covariance[i]) if known else (None, None)
+            values = (stamp, imu.rate[i], imu.specific_force[i], attitude, covariance, imu.arrival_ns[i])
+            add(imu.arrival_ns[i], log.write_imu, *values)
+    if (pressure := navigation.pressure) is not None:
+        for stamp, arrival, value in zip(pressure.stamp_ns, pressure.arrival_ns, pressure.pressure, strict=True):
+            add(arrival, log.write_pressure, stamp, value, arrival)
+    if (dvl := navigation.dvl) is not None:
+        for i, stamp in enumerate(dvl.stamp_ns):
+            add(dvl.arrival_ns[i], log.write_dvl, stamp, dvl.velocity[i], dvl.covariance[i], dvl.arrival_ns[i])
+    times = np.arange(0.0, dive.scenario.duration, 1 / TRUTH_TOPIC_RATE)
+    truth = dive.motion.at(times)
+    for stamp, position, quaternion in zip(to_ns(times), truth.position, truth.rotation.as_quat(), strict=True):
+        add(stamp, log.write_odometry, stamp, position, quaternion, stamp, ("map", "base_link"))
+    return sorted(messages, key=lambda message: message[0])
+
+
+def write_truth(dive: Dive, folder: Path) -> None:
+    """truth_trajectory.tum, truth_seabed.ply, truth_seen.npy and rig.yaml in the folder."""
+    times = np.arange(0.0, dive.scenario.duration, 1 / TRUTH_RATE)
+    truth = dive.motion.at(times)
+    poses = np.c_[truth.position, truth.rotation.as_quat()]
+    lines = [
+        f"{stamp // 1_000_000_000}.{stamp % 1_000_000_000:09d} " + " ".join(f"{value:.9f}" for value in pose) + "\n"
+        for stamp, pose in zip(to_ns(times).tolist(), poses.tolist(), strict=True)
+    ]
+    (folder / "truth_trajectory.tum").write_text("".join(lines))
+    dive.scene.write(folder / "truth_seabed.ply")
+    np.save(folder / "truth_seen.npy", dive.seen().astype(np.float32))
+    (folder / "rig.yaml").write_text(dive.rig.to_yaml())
