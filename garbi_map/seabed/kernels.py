@@ -8,6 +8,8 @@ from garbi_map.seabed.types import Verdict
 
 HALF = 1 << 20  # a voxel's index along an axis is within +-HALF
 ACCEPTED = int(Verdict.ACCEPTED)
+INVALID = int(Verdict.INVALID)
+UNCERTAIN = int(Verdict.UNCERTAIN)
 ISOLATED = int(Verdict.ISOLATED)
 SEEN_THROUGH = int(Verdict.SEEN_THROUGH)
 OFF_SURFACE = int(Verdict.OFF_SURFACE)
@@ -131,6 +133,18 @@ def _merge_cell(into, other):
 
 
 @njit(cache=True, nogil=True)
+def tile_span(placed, chosen, cell_side, tile):
+    """Index of the first tile, of tile x tile cells, along x and y in which a chosen point lies, and of the last (2,)."""
+    low, high = np.full(2, np.inf), np.full(2, -np.inf)
+    for i in range(len(placed)):
+        if chosen[i]:
+            for k in range(2):
+                low[k] = min(low[k], placed[i, k])
+                high[k] = max(high[k], placed[i, k])
+    return (np.floor(low / cell_side) // tile).astype(np.int64), (np.floor(high / cell_side) // tile).astype(np.int64)
+
+
+@njit(cache=True, nogil=True)
 def mark_tiles(placed, chosen, cell_side, tile, first, marked):
     """Set marked[a, b] for every tile of tile x tile cells, counted from `first`, in which a chosen point lies."""
     for i in range(len(placed)):
@@ -212,20 +226,23 @@ def _key(ix, iy, iz):
 
 
 @njit(cache=True, nogil=True)
-def observe_points(voxels, used, start, placed, usable, profile, base, side):
-    """Count points from `start` on into the table; stops early when it is three quarters full.
+def observe_points(voxels, used, start, placed, verdict, profile, base, side):
+    """Count accepted points from `start` on into the table; stops early when it is three quarters full.
 
     Returns the number of slots used and the first point not counted.
     """
     full = len(voxels) * 3 // 4
+    before, slot = -1, 0
     for i in range(start, len(placed)):
-        if not usable[i]:
+        if verdict[i] != ACCEPTED:
             continue
         ix = int(np.floor(placed[i, 0] / side))
         iy = int(np.floor(placed[i, 1] / side))
         iz = int(np.floor(placed[i, 2] / side))
         key = _key(ix, iy, iz)
-        voxel = voxels[_slot(voxels, key)]
+        if key != before:  # neighbouring points mostly share a voxel
+            before, slot = key, _slot(voxels, key)
+        voxel = voxels[slot]
         number = base + profile[i]
         if voxel.key == -1:
             if used >= full:
@@ -319,6 +336,21 @@ def surroundings(voxels, side, surrounding, covariance):
 
 
 @njit(cache=True, nogil=True)
+def first_verdicts(placed, sigma, limit, max_sigma):
+    """What a point says of itself (n,): accepted so far, invalid (comparisons with NaN are false), or uncertain."""
+    verdict = np.empty(len(placed), np.uint8)
+    for i in range(len(placed)):
+        near = abs(placed[i, 0]) < limit and abs(placed[i, 1]) < limit and abs(placed[i, 2]) < limit
+        if not (near and sigma[i] > 0.0 and sigma[i] < np.inf):
+            verdict[i] = INVALID
+        elif sigma[i] > max_sigma:
+            verdict[i] = UNCERTAIN
+        else:
+            verdict[i] = ACCEPTED
+    return verdict
+
+
+@njit(cache=True, nogil=True)
 def run_lengths(points, profile, row):
     """Length of the run of neighbouring points, in rows of one profile, that each point belongs to (n,)."""
     n = len(points)
@@ -341,16 +373,19 @@ def run_lengths(points, profile, row):
 
 @njit(cache=True, nogil=True)
 def judge_points(
-    voxels, surrounding, placed, sigma, usable, run, side, min_points, min_run, min_share, gate, verdict, gradient
+    voxels, surrounding, placed, sigma, run, side, min_points, min_run, min_share, gate, verdict, gradient
 ):
-    """Write a verdict (n,) for every usable point, and the slope (n, 2) of the surface there."""
+    """Change the verdict (n,) of accepted points that do not belong; write the slope (n, 2) of the surface at the rest."""
+    before, slot = -1, 0
     for i in range(len(placed)):
-        if not usable[i]:
+        if verdict[i] != ACCEPTED:
             continue
         ix = int(np.floor(placed[i, 0] / side))
         iy = int(np.floor(placed[i, 1] / side))
         iz = int(np.floor(placed[i, 2] / side))
-        slot = _slot(voxels, _key(ix, iy, iz))
+        key = _key(ix, iy, iz)
+        if key != before:
+            before, slot = key, _slot(voxels, key)
         voxel, about = voxels[slot], surrounding[slot]
         shared = about.several and about.count >= min_points and about.support >= 4
         if voxel.key == -1 or not (shared or run[i] >= min_run):
@@ -368,7 +403,6 @@ def judge_points(
         if off * off > gate * gate * (sigma[i] ** 2 + about.thickness) and not corroborated and run[i] < min_run:
             verdict[i] = OFF_SURFACE
             continue
-        verdict[i] = ACCEPTED
         if about.normal_z > 0.3:  # steeper than 72 degrees the spread of the cell says more than its slope
             gradient[i, 0] = -about.normal_x / about.normal_z
             gradient[i, 1] = -about.normal_y / about.normal_z

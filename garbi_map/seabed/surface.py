@@ -52,9 +52,8 @@ class SurfaceGrid:
         if not chosen.any():
             return
         cell = self._settings.cell
-        seen = placed[chosen, :2]
-        first = np.floor(seen.min(0) / cell).astype(np.int64) // TILE
-        span = np.floor(seen.max(0) / cell).astype(np.int64) // TILE - first + 1
+        first, last = kernels.tile_span(placed, chosen, cell, TILE)
+        span = last - first + 1
         if span.max() > _MAX_SPAN:
             raise GarbiError(
                 f"one sweep spans {span.max() * TILE * cell:.0f} m: its trajectory jumps, or seabed.cell is too small"
