@@ -25,7 +25,7 @@ def main() -> int:
     try:
         scenario = load_scenario(arguments.scenario)
         if arguments.seed is not None:
-            scenario = scenario.model_copy(update={"seed": arguments.seed})
+            scenario = scenario.model_copy(update={"seed": abs(arguments.seed)})
         dive = Dive(scenario).fly()
         rate = write_log(dive, arguments.output, arguments.workers, _tell if sys.stderr.isatty() else None)
         if not arguments.no_truth:

@@ -138,6 +138,8 @@ class Dive:
             points = line.point[line.seen]
             points = points[rng.permutation(len(points))[: 2 * count // len(times) + 1]]
             found.append(rotation.apply(points) + position)
+            if self.scene.movers:
+                found[-1] = found[-1][self.scene.on_ground(found[-1])]
         points = np.concatenate(found)
         return points[rng.permutation(len(points))[:count]]
 
