@@ -22,10 +22,12 @@ def main() -> int:
     parser.add_argument("--workers", type=int, default=min(os.cpu_count() or 1, 8), help="processes that render")
     parser.add_argument("--no-truth", action="store_true", help="do not write truth_* and rig.yaml beside the log")
     arguments = parser.parse_args()
+    if arguments.seed is not None and arguments.seed < 0:
+        parser.error("--seed must not be negative")
     try:
         scenario = load_scenario(arguments.scenario)
         if arguments.seed is not None:
-            scenario = scenario.model_copy(update={"seed": abs(arguments.seed)})
+            scenario = scenario.model_copy(update={"seed": arguments.seed})
         dive = Dive(scenario).fly()
         rate = write_log(dive, arguments.output, arguments.workers, _tell if sys.stderr.isatty() else None)
         if not arguments.no_truth:

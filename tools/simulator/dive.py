@@ -134,7 +134,7 @@ class Dive:
             view, alpha = self._seen_at(time)
             laser = self.scenario.laser
             line = cast_slice(self.rig, plane_at(self.rig, alpha, laser), laser, 0.0, view.cast)
-            position, rotation = self._rig_pose(time)
+            position, rotation = self.rig_pose(time)
             points = line.point[line.seen]
             points = points[rng.permutation(len(points))[: 2 * count // len(times) + 1]]
             found.append(rotation.apply(points) + position)
@@ -143,7 +143,8 @@ class Dive:
         points = np.concatenate(found)
         return points[rng.permutation(len(points))[:count]]
 
-    def _rig_pose(self, time: float) -> tuple[Floats, Rotation]:
+    def rig_pose(self, time: float) -> tuple[Floats, Rotation]:
+        """True position (3,) m and rotation map <- rig at a time (s)."""
         now = self.motion.at(time)
         rotation = now.rotation[0]
         return (
@@ -152,7 +153,7 @@ class Dive:
         )
 
     def _seen_at(self, time: float) -> tuple[View, float]:
-        position, rotation = self._rig_pose(time)
+        position, rotation = self.rig_pose(time)
         return view_of(self.scene, position, rotation, time), float(laser_angle(self.scenario.laser, time)[0])
 
 
