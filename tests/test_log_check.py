@@ -100,5 +100,12 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
         check([path], as_json=True)
     assert exit_.value.exit_code == 3
     assert "checksum" in json.loads(capsys.readouterr().out)["damage"][0]
+    renamed = tmp_path / "config.yaml"
+    renamed.write_text("log: {topics: {image: /cam}}")
+    with pytest.raises(GarbiError, match=r"no images on /cam.*images are on /camera/image/compressed"):
+        check([path], config=renamed)
+    renamed.write_text("log: {topics: {imu: /depth/pressure}}")
+    with pytest.raises(GarbiError, match=r"/depth/pressure: type sensor_msgs/msg/FluidPressure"):
+        check([path], config=renamed)
     with pytest.raises(GarbiError, match="no images on /camera/image/compressed"):
         check([write_sample(tmp_path / "blind.mcap", skip=("image",))])

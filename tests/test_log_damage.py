@@ -97,6 +97,19 @@ def test_swapped_halves(original: tuple[bytes, dict], tmp_path: Path) -> None:
         read_damaged(tmp_path / "swap.mcap", data[:8] + data[cut:] + data[8:cut], truth)
 
 
+def test_moved_blocks(original: tuple[bytes, dict], tmp_path: Path) -> None:
+    """Blocks copied over others, so that whole records stand where they do not belong, never give wrong data."""
+    data, truth = original
+    random = np.random.default_rng(6)
+    for _ in range(60):
+        damaged = bytearray(data)
+        for _ in range(3):
+            source, target, length = (int(n) for n in random.integers(0, len(data) - 10_000, 3))
+            length %= 9_000
+            damaged[target : target + length] = data[source : source + length]
+        read_damaged(tmp_path / "moved.mcap", bytes(damaged), truth)
+
+
 def test_random_bytes(tmp_path: Path) -> None:
     """Noise behind the magic is no log, in one line."""
     for seed in range(20):

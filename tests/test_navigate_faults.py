@@ -140,3 +140,59 @@ def test_the_longest_populated_stretch_is_the_dive() -> None:
     """Two stamps an hour before the rest are not part of it."""
     dive = np.arange(0, 100) * 1_000_000_000 + 3_600_000_000_000
     assert main_span([np.array([0, 1]), dive], 600.0) == (dive[0], dive[-1])
+
+
+def test_lone_spikes_are_not_integrated() -> None:
+    """An accelerometer that jumps by 200 m/s^2 for single samples, a pressure that jumps by 5 m: nothing is lost."""
+    log = noisy()
+    hit = (np.arange(len(log.imu.stamp_ns)) % 500 == 250)[:, None]
+    wet = np.arange(len(log.pressure.stamp_ns)) % 17 == 0
+    broken = replace(
+        log,
+        imu=replace(log.imu, specific_force=log.imu.specific_force + 200.0 * hit),
+        pressure=replace(log.pressure, pressure=log.pressure.pressure + 5e4 * wet),
+    )
+    assert worst(broken) < worst(log) + 0.01
+    assert navigate(broken).report["imu"]["spikes"] == hit.sum()
+
+
+def test_a_filter_contradicted_for_long_gives_in() -> None:
+    """A step of 1 m in the depth, for good: refused for a while, then believed."""
+    log = noisy()
+    late = seconds(log.pressure.stamp_ns) > 8.0
+    stepped = replace(log, pressure=replace(log.pressure, pressure=log.pressure.pressure + late * 1025.0 * 9.80665))
+    result = navigate(stepped)
+    end = pose_errors(result.trajectory, AT[-1:])[0][0, 2]
+    assert end == pytest.approx(1.0, abs=0.02)
+    assert result.report["sensors"]["pressure"]["rejected"] > 50
+
+
+def test_a_few_pings_do_not_let_the_path_run_away() -> None:
+    """A DVL that answers for one second of thirty: the slow-vehicle assumption takes over where it is silent."""
+    log = noisy()
+    early = seconds(log.dvl.stamp_ns) < 1.0
+    velocity = np.where(early[:, None], log.dvl.velocity, np.nan)
+    result = navigate(replace(log, dvl=replace(log.dvl, velocity=velocity)))
+    assert np.linalg.norm(pose_errors(result.trajectory, AT)[0], axis=1).max() < 4.0
+    assert result.report["sensors"]["speed"]["accepted"] > 10
+
+
+@pytest.mark.parametrize("sensor", ["imu", "dvl", "pressure"])
+@pytest.mark.parametrize("count", [0, 1, 3])
+def test_hardly_any_message_of_a_sensor_is_no_reason_to_fail(sensor: str, count: int) -> None:
+    """None, one or three messages: finite poses and positive covariances."""
+    log = build(5.0, typical_errors(1), 1)
+    series = getattr(log, sensor)
+    few = type(series)(**{name: value[:count] for name, value in vars(series).items()})
+    trajectory = navigate(replace(log, **{sensor: few})).trajectory
+    assert np.isfinite(trajectory.position).all()
+    assert np.linalg.eigvalsh(trajectory.covariance).min() > 0.0
+
+
+@pytest.mark.parametrize("sensor", ["imu", "dvl", "pressure"])
+def test_a_clock_fifty_milliseconds_off_costs_centimetres(sensor: str) -> None:
+    """One sensor's stamps are 50 ms late: the path degrades, and does not break."""
+    log = noisy()
+    series = getattr(log, sensor)
+    late = replace(log, **{sensor: replace(series, stamp_ns=series.stamp_ns + 50_000_000)})
+    assert worst(late) < worst(log) + 0.05

@@ -38,7 +38,7 @@ def linear_nodes(steps: int) -> tuple[list[Node], ProcessModel, np.ndarray, np.n
     """
     random = np.random.default_rng(0)
     model = ProcessModel(None, NavigateSettings())
-    step = Step(0.05, np.eye(9, 15) + 0.05 * random.normal(0, 0.3, (9, 15)), 0.05, 0.05)
+    step = Step(0.05, np.eye(9, 15) + 0.05 * random.normal(0, 0.3, (9, 15)), 0.05, 0.05, np.zeros(STATES))
     transition, noise = model.transition(step), model.noise(step)
     covariance, total = np.diag(random.uniform(0.5, 2.0, STATES)) * 0.01, np.zeros(STATES)
     size, per_node = steps * STATES, 4

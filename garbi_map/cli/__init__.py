@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 import pkgutil
 import sys
 
@@ -11,14 +12,29 @@ from garbi_map.errors import GarbiError
 
 
 def main() -> None:
-    """Run the command line; a GarbiError becomes one line on stderr and exit status 1."""
+    """Run the command line; a GarbiError becomes one line on stderr and exit status 1.
+
+    So does a fault of our own, which GARBI_TRACEBACK=1 shows whole.
+    """
     for module in sorted(pkgutil.iter_modules(__path__), key=lambda found: found.name):
         importlib.import_module(f"{__name__}.{module.name}")
     try:
         app()
     except GarbiError as error:
-        print(f"garbi: {error}", file=sys.stderr)
-        sys.exit(1)
+        _end(str(error), 1)
     except KeyboardInterrupt:
-        print("garbi: interrupted; run the same command again to go on", file=sys.stderr)
-        sys.exit(130)
+        _end("interrupted; run the same command again to go on", 130)
+    except MemoryError:
+        _end("out of memory; lower registration.drift.window_points or seabed.max_cells in the configuration", 1)
+    except OSError as error:
+        _end(f"{error.filename or 'input or output'}: {error.strerror or error}", 1)
+    except Exception as error:
+        if os.environ.get("GARBI_TRACEBACK"):
+            raise
+        kind = type(error).__name__
+        _end(f"a fault of garbi's own ({kind}: {error}); GARBI_TRACEBACK=1 shows where, please report it", 1)
+
+
+def _end(line: str, status: int) -> None:
+    print(f"garbi: {' '.join(line.split())}", file=sys.stderr)
+    sys.exit(status)

@@ -27,18 +27,14 @@ def check(
     from garbi_map.errors import GarbiError
     from garbi_map.log import open_log
     from garbi_map.log.check import check_log
-    from garbi_map.log.decode import IMAGE_TYPES
 
-    log = open_log(logs, load_config(config).log)
-    found = check_log(log, whole=full or None)
+    found = check_log(open_log(logs, load_config(config).log), whole=full or None)
     if as_json:
         print(json.dumps(found.as_dict(), indent=2))
     else:
         _print(found)
     if not found.mappable:
-        pictures = [name for name, topic in log.topics.items() if topic.type in IMAGE_TYPES and topic.count]
-        hint = f"; images are on {', '.join(pictures)}: set log.topics.image" if pictures else ""
-        raise GarbiError(f"{logs[0]}: no images on {log.settings.topics.image}, there is nothing to map{hint}")
+        raise GarbiError(f"{logs[0]}: {found.unusable[0]}")
     if found.damage:
         raise typer.Exit(3)
 

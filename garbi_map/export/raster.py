@@ -37,11 +37,8 @@ def write_seabed_tif(path: Path, seabed: Seabed, reference: Georeference | None 
         np.where(seabed.known, seabed.density, np.nan),
         seabed.standard_deviation,
     )
-    with (
-        written_aside(path) as aside,
-        rasterio.open(
-            aside,
-            "w",
+    with rasterio.MemoryFile() as memory:
+        with memory.open(
             driver="COG",
             width=columns,
             height=rows,
@@ -54,11 +51,12 @@ def write_seabed_tif(path: Path, seabed: Seabed, reference: Georeference | None 
             predictor="YES",
             overview_resampling="average",
             bigtiff="IF_SAFER",
-        ) as file,
-    ):
-        for number, (layer, (name, unit, what)) in enumerate(zip(layers, BANDS, strict=True), 1):
-            file.write(layer[::-1].astype(np.float32), number)
-            file.set_band_description(number, name)
-            file.set_band_unit(number, unit)
-            file.update_tags(number, description=what)
-        file.update_tags(AREA_OR_POINT="Area", software="garbi")
+        ) as file:
+            for number, (layer, (name, unit, what)) in enumerate(zip(layers, BANDS, strict=True), 1):
+                file.write(layer[::-1].astype(np.float32), number)
+                file.set_band_description(number, name)
+                file.set_band_unit(number, unit)
+                file.update_tags(number, description=what)
+            file.update_tags(AREA_OR_POINT="Area", software="garbi")
+        with written_aside(path) as aside:
+            aside.write_bytes(memory.getbuffer())

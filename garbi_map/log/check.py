@@ -64,6 +64,7 @@ class LogCheck:
 
     duration    s, from first to last header stamp
     damage      what cannot be read, one line each
+    unusable    why the log cannot be mapped as it is configured, one line each
     read_whole  every message was read and its checksum validated; else all is from the log's index, and damage inside
                 of chunks is not known
     checksums   every part that was read carries a checksum; where not, damage cannot be seen
@@ -74,13 +75,14 @@ class LogCheck:
     topics: tuple[TopicCheck, ...]
     missing: tuple[Missing, ...]
     damage: tuple[str, ...]
+    unusable: tuple[str, ...]
     read_whole: bool
     checksums: bool
 
     @property
     def mappable(self) -> bool:
-        """There are images to map."""
-        return not any(missing.what == "image" for missing in self.missing)
+        """There are images to map, and no topic has a type that cannot be used."""
+        return not self.unusable
 
     def as_dict(self) -> dict[str, Any]:
         """Everything, as JSON can hold it."""
@@ -91,14 +93,14 @@ def check_log(log: Log, whole: bool | None = None) -> LogCheck:
     """Check a log. It is read through if `whole`, or (None) if it is smaller than a gigabyte; rates and gaps are by log
     time, from the message indexes where the log has them."""
     read_whole = log.size <= READ_WHOLE if whole is None else whole
-    navigation, unusable, checksums = None, [], True
-    if read_whole:
-        checksums = log.verify()
-        try:
-            navigation = log.navigation()
-            log.type_of("image", IMAGE_TYPES)
-        except GarbiError as error:
-            unusable.append(str(error))
+    checksums = log.verify() if read_whole else True
+    navigation, unusable = None, []
+    try:
+        if log.type_of("image", IMAGE_TYPES) is None:
+            unusable.append(_no_images(log))
+        navigation = log.navigation() if read_whole else None
+    except GarbiError as error:
+        unusable.append(str(error))
     roles = {topic: role for role, topic in log.settings.topics.model_dump().items()}
     times = log.log_times()
     bounds = (min(t[0] for t in times.values()), max(t[-1] for t in times.values())) if times else (0, 0)
@@ -111,10 +113,17 @@ def check_log(log: Log, whole: bool | None = None) -> LogCheck:
         duration=(log.end_ns - log.begin_ns) * 1e-9,
         topics=tuple(topics),
         missing=tuple(_missing(log, navigation)),
-        damage=(*log.losses, *unusable),
+        damage=tuple(log.losses),
+        unusable=tuple(unusable),
         read_whole=read_whole,
         checksums=checksums,
     )
+
+
+def _no_images(log: Log) -> str:
+    pictures = [name for name, topic in log.topics.items() if topic.type in IMAGE_TYPES and topic.count]
+    hint = f"; images are on {', '.join(pictures)}: set log.topics.image" if pictures else ""
+    return f"no images on {log.settings.topics.image}, there is nothing to map{hint}"
 
 
 def _check_topic(

@@ -61,6 +61,11 @@ class Index:
         """First log time, ns."""
         return min(piece.begin for piece in self.pieces)
 
+    @property
+    def end(self) -> int:
+        """Last log time, ns."""
+        return max(piece.end for piece in self.pieces)
+
     def open(self) -> BinaryIO:
         """The file, to read."""
         try:
@@ -86,7 +91,10 @@ def message_times(file: BinaryIO, piece: Piece) -> dict[int, Stamps]:
         if opcode != Opcode.MESSAGE_INDEX or length > piece.length + (1 << 20):
             raise Damaged("message index overwritten")
         content = chunks.read_at(file, offset + RECORD.size, length)
-        times[channel] = np.frombuffer(content[6:], "<u8")[::2].astype(np.int64)
+        stamps = np.frombuffer(content[6:], "<u8")[::2]
+        if len(stamps) and not piece.begin <= stamps.min() <= stamps.max() <= piece.end:
+            raise Damaged("message index overwritten")
+        times[channel] = stamps.astype(np.int64)
     return times
 
 

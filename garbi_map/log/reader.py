@@ -166,7 +166,7 @@ class Log:
                 for piece in index.pieces:
                     try:
                         found = message_times(file, piece)
-                    except DAMAGE as error:
+                    except (*DAMAGE, OSError) as error:
                         self.lose(f"{index.path.name}: a message index is damaged ({chunks.reason(error)})")
                         continue
                     for channel, part in found.items():
@@ -199,15 +199,14 @@ class Log:
         """First and last header stamp; learns the usual offsets of the stamps' clock to log times and arrivals."""
         topics = set(self.settings.topics.model_dump().values()) - {self.settings.topics.tf_static, ""}
         first = self._stamped(self._indexes[0], topics, forward=True)
-        last = self._stamped(self._indexes[-1], topics, forward=False)
+        last = self._stamped(max(self._indexes, key=lambda index: index.end), topics, forward=False)
         if first:
             self._clock_offset = int(np.median([stamp - message.log_time for stamp, message in first]))
             self._arrival_offset = int(np.median([stamp - message.arrival(stamp) for stamp, message in first]))
         near = self.settings.clock_tolerance * 1e9
         stamps = [s for s, message in first + last if abs(s - message.log_time - self._clock_offset) <= near]
         if not stamps:
-            pieces = [piece for index in self._indexes for piece in index.pieces]
-            return min(piece.begin for piece in pieces), max(piece.end for piece in pieces)
+            return self._indexes[0].begin, max(index.end for index in self._indexes)
         return min(stamps), max(stamps)
 
     def _stamped(self, index: Index, topics: set[str], forward: bool) -> list[tuple[int, RawMessage]]:

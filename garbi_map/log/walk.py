@@ -26,15 +26,16 @@ def index_by_walking(path: Path, file: BinaryIO, size: int) -> Index:
     position: int | None = len(MAGIC)
     while position is not None and position < size:
         position = walk.step(position)
-    walk.close_raw()
-    return walk.index
+    return walk.finish()
 
 
 class _Walk:
     def __init__(self, path: Path, file: BinaryIO, size: int) -> None:
         self.index = Index(path, times={})
         self.file, self.size = file, size
-        self.raw: Piece | None = None
+        self.chunked = False
+        self.loose: list[Piece] = []
+        self.whole: tuple[int, int] | None = None  # where the data end, and their checksum
 
     def step(self, position: int) -> int | None:
         """Take in the record at `position`; the position of the next one, None at the end of the data."""
@@ -57,7 +58,7 @@ class _Walk:
             elif opcode == Opcode.MESSAGE_INDEX:
                 self._check_message_index(position, length)
             elif opcode == Opcode.DATA_END:
-                self._check_all(position, length)
+                self._end(position, length)
                 return None
         except DAMAGE as error:
             return self._lose(position, reason(error))
@@ -66,6 +67,7 @@ class _Walk:
     def _chunk(self, position: int, length: int) -> None:
         content = chunks.read_at(self.file, position + RECORD.size, length)
         head = chunks.chunk_head(content)
+        self.chunked = True
         try:
             self._take(chunks.unpack_chunk(content), Piece(position, RECORD.size + length, head.begin, head.end))
         except DAMAGE as error:
@@ -73,29 +75,38 @@ class _Walk:
             self._name_loss(position, f"chunk lost ({reason(error)})")
 
     def _plain(self, opcode: int, position: int, length: int) -> None:
-        """Records outside of chunks are gathered into pieces of about a megabyte."""
+        """A record outside of any chunk; messages are gathered into pieces of about a megabyte."""
         if length > SMALL:
             raise Damaged("overwritten")
         content = chunks.read_at(self.file, position + RECORD.size, length)
-        if opcode == Opcode.MESSAGE and MESSAGE_HEAD.unpack_from(content)[0] not in self.index.channels:
-            raise Damaged("message of an unknown topic")
-        if self.raw is None or self.raw.offset + self.raw.length != position or self.raw.length > RAW_PIECE:
-            self.close_raw()
-            self.raw = Piece(position, 0, 0, 0, raw=True)
         if opcode != Opcode.MESSAGE:
-            self._define(opcode, content)
-        self.raw.length += RECORD.size + length
+            self._define(opcode, content, protected=False)
+            return
+        if MESSAGE_HEAD.unpack_from(content)[0] not in self.index.channels:
+            raise Damaged("message of an unknown topic")
+        last = self.loose[-1] if self.loose else None
+        if last and last.offset + last.length == position and last.length < RAW_PIECE:
+            last.length += RECORD.size + length
+        else:
+            self.loose.append(Piece(position, RECORD.size + length, 0, 0, raw=True))
 
-    def close_raw(self) -> None:
-        """Take in the records gathered outside of chunks."""
-        if self.raw is not None:
-            raw, self.raw = self.raw, None
-            self._take(chunks.read_at(self.file, raw.offset, raw.length), raw)
+    def finish(self) -> Index:
+        """Take in the messages outside of chunks, but where there are chunks: there, they are the debris of one."""
+        if self.chunked and self.loose:
+            size = sum(piece.length for piece in self.loose)
+            self._name_loss(
+                self.loose[0].offset, f"{size} bytes of messages outside of chunks, without a checksum, lost"
+            )
+        elif not self.chunked:
+            for piece in self.loose:
+                self._take(chunks.read_at(self.file, piece.offset, piece.length), piece)
+            self._check_whole()
+        return self.index
 
     def _take(self, buffer: memoryview, piece: Piece) -> None:
         for opcode, content in chunks.records(buffer):
             if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                self._define(opcode, content)
+                self._define(opcode, content, protected=True)
         times: dict[int, list[int]] = {}
         everything = range(1 << 16)
         for message in chunks.messages(buffer, everything):
@@ -115,13 +126,16 @@ class _Walk:
             self.index.counts[channel] += len(stamps)
             self.index.times.setdefault(channel, []).append(np.array(stamps, np.uint64).astype(np.int64))
 
-    def _define(self, opcode: int, content: memoryview) -> None:
+    def _define(self, opcode: int, content: memoryview, protected: bool) -> None:
+        """Take in a schema or a channel; one that a checksum protects wins."""
         if opcode == Opcode.SCHEMA:
             schema = cast(mcap_records.Schema, chunks.parse(mcap_records.Schema, content))
-            self.index.schemas[schema.id] = schema
+            if protected or schema.id not in self.index.schemas:
+                self.index.schemas[schema.id] = schema
         else:
             channel = cast(mcap_records.Channel, chunks.parse(mcap_records.Channel, content))
-            self.index.channels[channel.id] = channel
+            if protected or channel.id not in self.index.channels:
+                self.index.channels[channel.id] = channel
 
     def _metadata(self, position: int, length: int) -> None:
         if length > SMALL:
@@ -130,26 +144,29 @@ class _Walk:
         record = cast(mcap_records.Metadata, chunks.parse(mcap_records.Metadata, content))
         self.index.metadata[record.name] = record.metadata
 
+    def _end(self, position: int, length: int) -> None:
+        if length != 4:
+            raise Damaged("overwritten")
+        self.whole = (position, struct.unpack("<I", chunks.read_at(self.file, position + RECORD.size, 4))[0])
+
     def _check_message_index(self, position: int, length: int) -> None:
         """A garbled length here would swallow the chunks behind it unseen."""
         entries = struct.unpack_from("<I", chunks.read_at(self.file, position + RECORD.size, 6), 2)[0]
         if length != 6 + entries:
             raise Damaged("overwritten")
 
-    def _check_all(self, position: int, length: int) -> None:
-        """Records outside of chunks have no checksum of their own, but the whole before the end of the data may."""
-        crc = struct.unpack("<I", chunks.read_at(self.file, position + RECORD.size, length))[0]
-        self.close_raw()
-        if not crc or not any(piece.raw for piece in self.index.pieces):
+    def _check_whole(self) -> None:
+        """Records outside of chunks have no checksum of their own, but all data before the end of the data may."""
+        if self.whole is None or not self.whole[1]:
             return
+        end, crc = self.whole
         found = 0
-        for start in range(0, position, RAW_PIECE):
-            found = zlib.crc32(chunks.read_at(self.file, start, min(RAW_PIECE, position - start)), found)
+        for start in range(0, end, RAW_PIECE):
+            found = zlib.crc32(chunks.read_at(self.file, start, min(RAW_PIECE, end - start)), found)
         if found != crc:
-            self._name_loss(position, "the checksum of the whole does not match: some messages are wrong")
+            self._name_loss(end, "the checksum of the whole does not match: some messages are wrong")
 
     def _lose(self, position: int, why: str) -> int | None:
-        self.close_raw()
         following = chunks.next_chunk(self.file, position + 1, self.size)
         lost = (following or self.size) - position
         self._name_loss(position, f"{lost} bytes lost ({why})")

@@ -21,11 +21,13 @@ from garbi_map.navigate.timebase import Timebase
 
 @dataclass
 class Tally:
-    """What became of one sensor's measurements; ratios are squared innovations over what the filter expected."""
+    """What became of one sensor's measurements; ratios are squared innovations over what the filter expected,
+    shares how much of that expectation is the sensor's own noise."""
 
     accepted: int = 0
     rejected: int = 0
     ratios: list[float] = field(default_factory=list)
+    shares: list[float] = field(default_factory=list)
     first_refusal: float | None = None
 
     def typical(self) -> float:
@@ -75,13 +77,14 @@ class ErrorStateFilter:
         self.tallies = {source.name: Tally() for source in sources}
         self._gates = {d: float(chi2.ppf(settings.gate, d)) for d in (1, 2, 3)}
         self.model = ProcessModel(inertial, settings)
+        self._doubt = np.zeros(STATES)
 
     def run(self) -> Iterator[Node]:
         """One node after another; what has been measured since the node before is folded in at each."""
         nodes = self.base.nodes
         queue = self._in_time_order()
         waiting = next(queue, None)
-        step, transition = Step(0.0, np.eye(9, 15), 0.0, 0.0), np.eye(STATES)
+        step, transition = Step(0.0, np.eye(9, 15), 0.0, 0.0, self._doubt), np.eye(STATES)
         triangle = np.triu_indices(STATES)
         for order, sample in enumerate(nodes):
             before = nodes[order - 1] if order else 0
@@ -121,7 +124,8 @@ class ErrorStateFilter:
             self.velocity,
             self.quaternion,
         )
-        step = Step(base.seconds[last] - base.seconds[first], jacobian, no_rate, no_force)
+        step = Step(base.seconds[last] - base.seconds[first], jacobian, no_rate, no_force, self._doubt)
+        self._doubt = np.zeros(STATES)
         transition = self.model.transition(step)
         self.biases[TOPIC.start - 9 : TOPIC.stop - 9] *= self.model.decay(step)
         self.kalman.predict(F=transition, Q=self.model.noise(step))
@@ -181,15 +185,18 @@ class ErrorStateFilter:
         return correction
 
     def _passes(self, source: Source, now: float, innovation: Floats, jacobian: Floats, variance: Floats) -> bool:
-        """Mahalanobis gate that widens while a sensor is refused without a break: the filter may be the wrong one."""
+        """Mahalanobis gate. A sensor that is refused for longer than its patience makes the filter doubt itself."""
         tally = self.tallies[source.name]
         expected = jacobian @ self.kalman.P @ jacobian.T + variance
         squared = float(innovation @ np.linalg.solve(expected, innovation))
         tally.ratios.extend((innovation**2 / np.diag(expected)).tolist())
-        refused_for = 0.0 if tally.first_refusal is None else now - tally.first_refusal
-        if squared > self._gates[len(innovation)] * (1.0 + refused_for / source.patience) ** 2:
+        tally.shares.append(float(np.trace(variance) / np.trace(expected)))
+        if squared > self._gates[len(innovation)]:
             tally.rejected += 1
             tally.first_refusal = now if tally.first_refusal is None else tally.first_refusal
+            if now - tally.first_refusal > source.patience:
+                self._doubt[source.part] = float(innovation @ innovation)
+                tally.first_refusal = None
             return False
         tally.accepted += 1
         tally.first_refusal = None

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import median_filter
 from scipy.spatial.transform import Rotation
 
 from garbi_map.log.records import Floats, Navigation, Stamps
@@ -12,6 +13,9 @@ from garbi_map.navigate.settings import NavigateSettings
 from garbi_map.navigate.span import main_span, within
 
 Flags = np.ndarray
+
+_RATE_JUMP = 1.0  # rad/s between a sample and the median of its neighbours that no vehicle of this kind does
+_FORCE_JUMP = 10.0  # m/s^2, likewise
 
 
 @dataclass(frozen=True)
@@ -27,7 +31,7 @@ class Inertial:
     attitude_sigma   (3,) rad, median of what the messages state, map axes; 0 where they state nothing
     lever_arm        (3,) m, the IMU in base_link
     rate_noise, force_noise   (3,) 1-sigma densities seen in the series, rad/s/sqrt(Hz) and m/s^2/sqrt(Hz)
-    clipped          number of samples at the end of the range
+    clipped, spikes  number of samples at the end of the range, and of lone samples far off their neighbours; not used
     gaps             (k, 2) int64 ns, begin and end of each pause
     rate_derived     the rates come from differences of the attitude topic, since the log has no gyro
     """
@@ -43,6 +47,7 @@ class Inertial:
     rate_noise: Floats
     force_noise: Floats
     clipped: int
+    spikes: int
     gaps: Stamps
     rate_derived: bool
 
@@ -70,9 +75,12 @@ def prepare_inertial(
     turned = Rotation.from_quat(mount.quaternion)
     raw_rate, raw_force = imu.rate[keep], imu.specific_force[keep]
     rate_clipped, force_clipped = _clipped(raw_rate), _clipped(raw_force)
-    rate_good = np.isfinite(raw_rate).all(axis=1) & ~rate_clipped
-    force_good = np.isfinite(raw_force).all(axis=1) & ~force_clipped
+    rate_spikes, force_spikes = _spikes(raw_rate, _RATE_JUMP), _spikes(raw_force, _FORCE_JUMP)
+    rate_good = np.isfinite(raw_rate).all(axis=1) & ~rate_clipped & ~rate_spikes
+    force_good = np.isfinite(raw_force).all(axis=1) & ~force_clipped & ~force_spikes
     attitude = _base_attitude(imu.attitude[keep], turned)
+    if not settings.use_attitude:
+        attitude[:] = np.nan
     rate = turned.apply(_filled(stamps, raw_rate, rate_good))
     derived = not rate_good.any() and bool(np.isfinite(attitude[:, 0]).sum() > 2)
     if derived:
@@ -93,6 +101,7 @@ def prepare_inertial(
         rate_noise=np.maximum(_white_noise(rate) * np.sqrt(spacing), settings.gyro_noise),
         force_noise=np.maximum(_white_noise(force) * np.sqrt(spacing), settings.accelerometer_noise),
         clipped=int((rate_clipped | force_clipped).sum()),
+        spikes=int((rate_spikes | force_spikes).sum()),
         gaps=np.stack([stamps[:-1][pause], stamps[1:][pause]], axis=1),
         rate_derived=derived,
     )
@@ -161,6 +170,12 @@ def _clipped(values: Floats) -> Flags:
         if three.any():
             out |= top
     return out
+
+
+def _spikes(values: Floats, jump: float) -> Flags:
+    """Rows (n,) that differ from the median of five neighbours by more than `jump` on an axis."""
+    known = np.nan_to_num(values)
+    return (np.abs(known - median_filter(known, size=(5, 1), mode="nearest")) > jump).any(axis=1)
 
 
 def _white_noise(values: Floats) -> Floats:

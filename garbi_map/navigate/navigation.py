@@ -105,12 +105,13 @@ def _from_filter(
     sources = make_sources(log, inertial, attitude.disturbed if attitude else None, *span, settings)
     start = first_guess(inertial, attitude, sources, settings)
     forward = ErrorStateFilter(base, inertial, sources, start, settings)
-    smoothed = smooth(list(forward.run()), forward.model)
+    nodes = list(forward.run())
     believed, factors = _believed(forward, sources)
     if factors:
         forward = ErrorStateFilter(base, inertial, believed, start, settings)
-        smoothed = smooth(list(forward.run()), forward.model)
-    trajectory, velocity = _path(base, forward, smoothed, inertial, bool(log.pressure is not None), settings)
+        nodes = list(forward.run())
+    smoothed = smooth(nodes, forward.model)
+    trajectory, velocity = _path(base, forward, smoothed, inertial, "pressure" in forward.tallies, settings)
     stamps = _dense(trajectory.stamp_ns, asked)
     full = trajectory.at(stamps)
     at = [np.interp(stamps - stamps[0], trajectory.stamp_ns - stamps[0], column) for column in velocity.T]
@@ -133,8 +134,10 @@ def _believed(forward: ErrorStateFilter, sources: list[Source]) -> tuple[list[So
     out = []
     for source in sources:
         typical = forward.tallies[source.name].typical()
-        lies = len(source.stamp_ns) >= 20 and not _HONEST[0] < typical < _HONEST[1]
-        if lies and not isinstance(source, HabitSource):
+        # small innovations prove a sensor better than stated only where its own noise is most of what was expected
+        own_noise = bool(np.median(forward.tallies[source.name].shares or [0.0]) > 0.5)
+        lies = typical > _HONEST[1] or (typical < _HONEST[0] and own_noise)
+        if len(source.stamp_ns) >= 20 and lies and not isinstance(source, HabitSource):
             changed = rescaled(source, typical)
             if not np.allclose(changed.variance, source.variance):
                 factors[source.name] = typical

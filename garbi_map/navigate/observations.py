@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import median_filter
 from scipy.spatial.transform import Rotation
 
-from garbi_map.log.records import Floats, Navigation, Stamps
+from garbi_map.log.records import Dvl, Fixes, Floats, Mount, Navigation, Pressure, Stamps
 from garbi_map.navigate.inertial import Flags, Inertial
 from garbi_map.navigate.kernels import cross_matrix, difference
 from garbi_map.navigate.settings import NavigateSettings
 from garbi_map.navigate.span import within
 from garbi_map.navigate.states import ATTITUDE, GYRO_BIAS, POSITION, SCALE, STATES, TOPIC, VELOCITY
 
-_DVL_MEDIAN = 7  # pings
+_NEIGHBOURS = 7  # samples, over which a lone outlier does not move the median
+_DEPTH_JUMP = 0.2  # m
 _DVL_JUMP = 0.3  # m/s between a ping and the median of its neighbours that no vehicle of this kind does
 _HABIT_PERIOD = 1.0  # s between reminders that the vehicle stays slow and upright
 
@@ -37,7 +38,8 @@ class Nominal:
 class Source:
     """Measurements of one sensor: stamp_ns (k,), value (k, d), variance (k, d, d) of the white part of the error.
 
-    patience: seconds of unbroken rejection after which the gate has doubled its sigmas.
+    part: the states that this sensor decides.
+    patience: seconds of unbroken rejection after which the filter takes itself to be wrong in `part`.
     floor: 1 sigma below which the variance is never scaled.
     """
 
@@ -45,6 +47,7 @@ class Source:
     stamp_ns: Stamps
     value: Floats
     variance: Floats
+    part: slice
     patience: float
     floor: float
 
@@ -117,8 +120,6 @@ class FixSource(Source):
 class HabitSource(Source):
     """Where nothing measures it, the vehicle is slow and nearly upright; the rows of `value` are zero."""
 
-    part: slice
-
     def look(self, index: int, nominal: Nominal) -> tuple[Floats, Floats]:
         rows = self.value.shape[1]
         jacobian = np.zeros((rows, STATES))
@@ -143,24 +144,22 @@ def make_sources(
     if inertial and np.isfinite(inertial.attitude[:, 0]).any():
         sources += _attitude(inertial, disturbed, settings)
     if log.pressure is not None:
-        sources += _depth(log, origin, begin_ns, end_ns, settings)
+        sources += _depth(log.pressure, log.mount("pressure_link"), origin, begin_ns, end_ns, settings)
     if log.dvl is not None:
-        sources += _velocity(log, origin, begin_ns, end_ns, settings)
+        sources += _velocity(log.dvl, log.mount("dvl_link"), origin, begin_ns, end_ns, settings)
     if log.fixes is not None:
-        sources += _fixes(log, origin, begin_ns, end_ns, settings)
-    names = {source.name for source in sources}
-    if not names & {"dvl", "fixes"}:
-        sources.append(_habit("speed", VELOCITY, 3, settings.speed, begin_ns, end_ns, settings))
-    if not names & {"tilt"} and not (inertial and inertial.force_known.any()):
-        sources.append(_habit("upright", ATTITUDE, 2, settings.tilt, begin_ns, end_ns, settings))
-    return sources
+        sources += _fixes(log.fixes, 2 if log.pressure is not None else 3, origin, begin_ns, end_ns, settings)
+    moving = [source.stamp_ns for source in sources if source.name in ("dvl", "fixes")]
+    leaning = [inertial.stamp_ns[inertial.force_known]] if inertial else []
+    leaning += [source.stamp_ns for source in sources if source.name == "tilt"]
+    sources.append(_habit("speed", VELOCITY, 3, settings.speed, moving, begin_ns, end_ns, settings))
+    sources.append(_habit("upright", ATTITUDE, 2, settings.tilt, leaning, begin_ns, end_ns, settings))
+    return [source for source in sources if len(source.stamp_ns)]
 
 
 def rescaled(source: Source, factor: float) -> Source:
     """The source with its variance multiplied, but not below its floor."""
-    from dataclasses import replace
-
-    floor = np.eye(source.value.shape[-1] if source.variance.ndim < 3 else source.variance.shape[-1]) * source.floor**2
+    floor = np.eye(source.variance.shape[-1]) * source.floor**2
     return replace(source, variance=np.maximum(source.variance * factor, floor))
 
 
@@ -172,24 +171,29 @@ def _attitude(inertial: Inertial, disturbed: Flags | None, settings: NavigateSet
     steady = rows if disturbed is None else rows[~disturbed[rows]]
     noise = settings.attitude_noise
 
-    def source(name: str, picked: np.ndarray, axes: tuple[int, ...], patience: float) -> Source:
+    def source(name: str, picked: np.ndarray, axes: tuple[int, ...], part: slice, patience: float) -> Source:
         variance = np.broadcast_to(np.eye(len(axes)) * noise**2, (len(picked), len(axes), len(axes)))
         return AttitudeSource(
-            name, inertial.stamp_ns[picked], inertial.attitude[picked], variance, patience, noise, axes=axes
+            name, inertial.stamp_ns[picked], inertial.attitude[picked], variance, part, patience, noise, axes=axes
         )
 
-    return [source("tilt", rows, (0, 1), 10.0), source("yaw", steady, (2,), 60.0)]
+    return [source("tilt", rows, (0, 1), slice(6, 8), 30.0), source("yaw", steady, (2,), slice(8, 9), 60.0)]
 
 
-def _depth(log: Navigation, origin: Floats, begin_ns: int, end_ns: int, settings: NavigateSettings) -> list[Source]:
-    assert log.pressure is not None
-    keep = within(log.pressure.stamp_ns, begin_ns, end_ns)
-    keep = keep[np.isfinite(log.pressure.pressure[keep])]
+def _depth(
+    record: Pressure, mount: Mount, origin: Floats, begin_ns: int, end_ns: int, settings: NavigateSettings
+) -> list[Source]:
+    keep = within(record.stamp_ns, begin_ns, end_ns)
+    keep = keep[np.isfinite(record.pressure[keep])]
     if len(keep) == 0:
         return []
-    stamps, pressure = log.pressure.stamp_ns[keep], log.pressure.pressure[keep]
+    stamps, pressure = record.stamp_ns[keep], record.pressure[keep]
     height = (settings.atmosphere - pressure) / (settings.water_density * settings.gravity)
     sigma = max(_white(height), settings.pressure_noise)
+    calm = np.abs(height - median_filter(height, size=_NEIGHBOURS, mode="nearest")) < _DEPTH_JUMP
+    stamps, height = stamps[calm], height[calm]
+    if len(stamps) == 0:
+        return []
     stamps, height, count = _thinned(stamps, height, settings.node_rate)
     return [
         DepthSource(
@@ -197,52 +201,55 @@ def _depth(log: Navigation, origin: Floats, begin_ns: int, end_ns: int, settings
             stamps,
             height[:, None],
             (sigma**2 / count)[:, None, None],
-            5.0,
+            slice(2, 3),
+            10.0,
             settings.pressure_noise,
-            arm=log.mount("pressure_link").translation - origin,
+            arm=mount.translation - origin,
         )
     ]
 
 
-def _velocity(log: Navigation, origin: Floats, begin_ns: int, end_ns: int, settings: NavigateSettings) -> list[Source]:
-    assert log.dvl is not None
-    keep = within(log.dvl.stamp_ns, begin_ns, end_ns)
-    keep = keep[np.isfinite(log.dvl.velocity[keep]).all(axis=1)]
+def _velocity(
+    record: Dvl, mount: Mount, origin: Floats, begin_ns: int, end_ns: int, settings: NavigateSettings
+) -> list[Source]:
+    keep = within(record.stamp_ns, begin_ns, end_ns)
+    keep = keep[np.isfinite(record.velocity[keep]).all(axis=1)]
     if len(keep) == 0:
         return []
-    mount = log.mount("dvl_link")
     turned = Rotation.from_quat(mount.quaternion)
-    velocity = turned.apply(log.dvl.velocity[keep])
-    jump = np.linalg.norm(velocity - median_filter(velocity, size=(_DVL_MEDIAN, 1), mode="nearest"), axis=1)
+    velocity = turned.apply(record.velocity[keep])
+    jump = np.linalg.norm(velocity - median_filter(velocity, size=(_NEIGHBOURS, 1), mode="nearest"), axis=1)
     calm = jump < _DVL_JUMP
-    variance = _floored(log.dvl.covariance[keep], settings.dvl_noise)
+    variance = _floored(record.covariance[keep], settings.dvl_noise)
     matrix = turned.as_matrix()
     return [
         VelocitySource(
             "dvl",
-            log.dvl.stamp_ns[keep][calm],
+            record.stamp_ns[keep][calm],
             velocity[calm],
             (matrix @ variance @ matrix.T)[calm],
-            5.0,
+            VELOCITY,
+            10.0,
             settings.dvl_noise,
             arm=mount.translation - origin,
         )
     ]
 
 
-def _fixes(log: Navigation, origin: Floats, begin_ns: int, end_ns: int, settings: NavigateSettings) -> list[Source]:
-    assert log.fixes is not None
-    keep = within(log.fixes.stamp_ns, begin_ns, end_ns)
-    rows = 2 if log.pressure is not None else 3
-    keep = keep[np.isfinite(log.fixes.position[keep, :rows]).all(axis=1)]
+def _fixes(
+    record: Fixes, rows: int, origin: Floats, begin_ns: int, end_ns: int, settings: NavigateSettings
+) -> list[Source]:
+    keep = within(record.stamp_ns, begin_ns, end_ns)
+    keep = keep[np.isfinite(record.position[keep, :rows]).all(axis=1)]
     if len(keep) == 0:
         return []
     return [
         FixSource(
             "fixes",
-            log.fixes.stamp_ns[keep],
-            log.fixes.position[keep, :rows],
-            _floored(log.fixes.covariance[keep], settings.fix_noise)[:, :rows, :rows],
+            record.stamp_ns[keep],
+            record.position[keep, :rows],
+            _floored(record.covariance[keep], settings.fix_noise)[:, :rows, :rows],
+            slice(0, rows),
             60.0,
             settings.fix_noise,
             arm=-origin,
@@ -251,9 +258,20 @@ def _fixes(log: Navigation, origin: Floats, begin_ns: int, end_ns: int, settings
 
 
 def _habit(
-    name: str, part: slice, rows: int, sigma: float, begin_ns: int, end_ns: int, settings: NavigateSettings
+    name: str,
+    part: slice,
+    rows: int,
+    sigma: float,
+    measured: list[Stamps],
+    begin_ns: int,
+    end_ns: int,
+    settings: NavigateSettings,
 ) -> Source:
+    """Reminders wherever the nearest measurement is farther than half a habit_time."""
     stamps = np.arange(begin_ns, end_ns, int(_HABIT_PERIOD * 1e9))
+    edges = np.sort(np.concatenate([*measured, [np.iinfo(np.int64).min // 2, np.iinfo(np.int64).max // 2]]))
+    after = np.searchsorted(edges, stamps)
+    stamps = stamps[np.minimum(edges[after] - stamps, stamps - edges[after - 1]) > 0.5e9 * settings.habit_time]
     # the reminders of one habit_time say the same thing: together they weigh as one
     variance = sigma**2 * settings.habit_time / _HABIT_PERIOD
     return HabitSource(
@@ -261,9 +279,9 @@ def _habit(
         stamps,
         np.zeros((len(stamps), rows)),
         np.broadcast_to(np.eye(rows) * variance, (len(stamps), rows, rows)),
-        5.0,
+        part,
+        np.inf,
         sigma,
-        part=part,
     )
 
 

@@ -24,12 +24,13 @@ from garbi_map.navigate.states import (
 @dataclass(frozen=True)
 class Step:
     """From one node to the next: seconds, Jacobian (9, 15) of `kernels.propagate`, seconds without gyro and without
-    accelerometer."""
+    accelerometer; `doubt` (STATES,) is variance added because a sensor contradicted the filter for too long."""
 
     seconds: float
     jacobian: Floats
     no_rate: float
     no_force: float
+    doubt: Floats
 
 
 class ProcessModel:
@@ -66,6 +67,7 @@ class ProcessModel:
         diagonal[ACCELEROMETER_BIAS] = settings.accelerometer_bias_walk**2 * seconds
         diagonal[TOPIC] = self._topic * (1.0 - self.decay(step) ** 2)
         diagonal[SCALE] = settings.dvl_scale_walk**2 * seconds
+        diagonal += step.doubt
         return out
 
 

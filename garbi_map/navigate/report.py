@@ -69,6 +69,7 @@ def _imu_report(inertial: Inertial | None, attitude: GyroAttitude | None) -> dic
     return {
         "samples": len(inertial.stamp_ns),
         "clipped": inertial.clipped,
+        "spikes": inertial.spikes,
         "gaps": len(inertial.gaps),
         "gap_seconds": round(float(np.diff(inertial.gaps, axis=1).sum()) * 1e-9, 3),
         "rates_from_attitude": inertial.rate_derived,
@@ -107,6 +108,8 @@ def _notes(
             notes.append(f"the IMU was silent {len(inertial.gaps)} times, {lost:.1f} s in all")
         if inertial.clipped:
             notes.append(f"the IMU was at the end of its range in {inertial.clipped} samples; they were not used")
+        if inertial.spikes:
+            notes.append(f"the IMU had {inertial.spikes} lone spikes; they were not used")
         if inertial.rate_derived:
             notes.append("no gyro: rates are differences of the attitude topic")
     if attitude is not None and attitude.disturbed.any():

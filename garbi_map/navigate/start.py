@@ -58,7 +58,7 @@ def first_guess(
         position[:rows] += by_name["fixes"].value[0]
         sigma[:rows] = 5.0 * np.sqrt(by_name["fixes"].variance[0].max()) + 1.0
     if "pressure" in by_name:
-        position[2] = by_name["pressure"].value[0, 0]
+        position[2] = np.median(by_name["pressure"].value[:5])
         sigma[2] = 1.0
     velocity = np.zeros(3)
     if "dvl" in by_name:

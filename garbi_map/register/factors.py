@@ -165,7 +165,7 @@ class BottomTrack:
 
 
 class Position:
-    """Positions of base_link with a sigma of their own: an absolute fix, or somebody else's odometry, time (n,), (n, 3) m."""
+    """Positions (n, 3) m of base_link at time (n,) s with one sigma: absolute fixes, or somebody else's odometry."""
 
     def __init__(self, time: Floats, position: Floats, sigma: float) -> None:
         self.time, self.measured, self.sigma = time, position, sigma

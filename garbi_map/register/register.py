@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
-from garbi_map.log.records import Mount, Navigation
+from garbi_map.log.records import Navigation
 from garbi_map.navigate import NavigationResult, Trajectory
 from garbi_map.navigate.settings import NavigateSettings
 from garbi_map.register.drift import Round

@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from garbi_map.seabed.cells import SURROUNDING, VOXEL
 from garbi_map.seabed.settings import OutlierSettings
-from garbi_map.seabed.types import Verdict
 
 
 class Evidence:
@@ -25,25 +24,17 @@ class Evidence:
         self._profiles = 0
         self._surrounding: NDArray[np.void] | None = None
 
-    def usable(self, placed: NDArray[np.float64], sigma: NDArray[np.float32]) -> NDArray[np.uint8]:
-        """A first verdict (n,) by what a point says of itself: accepted so far, invalid or uncertain."""
-        limit = self._settings.voxel * (1 << 19)
-        verdict = np.full(len(placed), Verdict.ACCEPTED, np.uint8)
-        verdict[sigma > self._settings.max_sigma] = Verdict.UNCERTAIN
-        verdict[~((np.abs(placed) < limit).all(1) & np.isfinite(sigma) & (sigma > 0))] = Verdict.INVALID
-        return verdict
-
     def observe(
         self, placed: NDArray[np.float64], sigma: NDArray[np.float32], profile: NDArray[np.int32], profiles: int
     ) -> None:
         """Count the points (n, 3) in `map` of one sweep of so many profiles, ordered by profile (n,)."""
-        from garbi_map.seabed import kernels
+        from garbi_map.seabed import evidence_kernels as kernels
 
-        usable = self.usable(placed, sigma) == Verdict.ACCEPTED
+        verdict = self._first_verdicts(placed, sigma)
         done = 0
         while True:
             self._used, done = kernels.observe_points(
-                self._voxels, self._used, done, placed, usable, profile, self._profiles, self._settings.voxel
+                self._voxels, self._used, done, placed, verdict, profile, self._profiles, self._settings.voxel
             )
             if done == len(placed):
                 break
@@ -65,11 +56,11 @@ class Evidence:
 
         placed (n, 3) are the points in `map`, points (n, 3) in the rig frame.
         """
-        from garbi_map.seabed import kernels
+        from garbi_map.seabed import evidence_kernels as kernels
 
         if self._surrounding is None:
             self._surrounding = _surroundings(self._voxels, self._settings.voxel)
-        verdict = self.usable(placed, sigma)
+        verdict = self._first_verdicts(placed, sigma)
         gradient = np.zeros((len(placed), 2))
         own = self._settings
         kernels.judge_points(
@@ -77,7 +68,6 @@ class Evidence:
             self._surrounding,
             placed,
             sigma,
-            verdict == Verdict.ACCEPTED,
             kernels.run_lengths(points, profile, row),
             own.voxel,
             own.min_points,
@@ -89,6 +79,12 @@ class Evidence:
         )
         return verdict, gradient
 
+    def _first_verdicts(self, placed: NDArray[np.float64], sigma: NDArray[np.float32]) -> NDArray[np.uint8]:
+        from garbi_map.seabed import evidence_kernels as kernels
+
+        limit = 0.5 * kernels.HALF * self._settings.voxel
+        return kernels.first_verdicts(placed, sigma, limit, self._settings.max_sigma)
+
 
 def _table(length: int) -> NDArray[np.void]:
     table = np.zeros(length, VOXEL)
@@ -98,7 +94,7 @@ def _table(length: int) -> NDArray[np.void]:
 
 def _surroundings(voxels: NDArray[np.void], side: float) -> NDArray[np.void]:
     """SURROUNDING of every voxel, in the order of the table."""
-    from garbi_map.seabed import kernels
+    from garbi_map.seabed import evidence_kernels as kernels
 
     surrounding = np.zeros(len(voxels), SURROUNDING)
     covariance = np.zeros((len(voxels), 3, 3))

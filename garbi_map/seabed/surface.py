@@ -11,7 +11,7 @@ from garbi_map.seabed.settings import SeabedSettings
 from garbi_map.seabed.types import Seabed
 
 TILE = 64  # cells along a side of a tile; a power of two, so that tiles coarsen evenly
-_EDGE = 20.0  # times the usual scatter: no noise does that, an edge in the cell does
+_EDGE = 9.0  # times the usual scatter, three sigma: noise hardly does that, an edge in the cell does
 _MAX_SPAN = 1 << 13  # tiles along an axis that one sweep may span
 
 
@@ -52,9 +52,8 @@ class SurfaceGrid:
         if not chosen.any():
             return
         cell = self._settings.cell
-        seen = placed[chosen, :2]
-        first = np.floor(seen.min(0) / cell).astype(np.int64) // TILE
-        span = np.floor(seen.max(0) / cell).astype(np.int64) // TILE - first + 1
+        first, last = kernels.tile_span(placed, chosen, cell, TILE)
+        span = last - first + 1
         if span.max() > _MAX_SPAN:
             raise GarbiError(
                 f"one sweep spans {span.max() * TILE * cell:.0f} m: its trajectory jumps, or seabed.cell is too small"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-import time
 from pathlib import Path
 
 from garbi_map.errors import GarbiError
@@ -20,7 +19,7 @@ def main() -> int:
     parser.add_argument("scenario", type=Path, help="YAML file; scenarios/ beside this program holds some")
     parser.add_argument("-o", "--output", type=Path, required=True, help="log to write, .mcap")
     parser.add_argument("--seed", type=int, help="instead of the scenario's")
-    parser.add_argument("--workers", type=int, default=min(os.cpu_count() or 1, 8), help="threads that render")
+    parser.add_argument("--workers", type=int, default=min(os.cpu_count() or 1, 8), help="processes that render")
     parser.add_argument("--no-truth", action="store_true", help="do not write truth_* and rig.yaml beside the log")
     arguments = parser.parse_args()
     try:
@@ -28,10 +27,7 @@ def main() -> int:
         if arguments.seed is not None:
             scenario = scenario.model_copy(update={"seed": arguments.seed})
         dive = Dive(scenario).fly()
-        dive.image(0)  # compiled before the clock runs
-        begin = time.perf_counter()
-        write_log(dive, arguments.output, arguments.workers, _tell if sys.stderr.isatty() else None)
-        seconds = time.perf_counter() - begin
+        rate = write_log(dive, arguments.output, arguments.workers, _tell if sys.stderr.isatty() else None)
         if not arguments.no_truth:
             write_truth(dive, arguments.output.parent)
     except GarbiError as error:
@@ -39,7 +35,7 @@ def main() -> int:
         return 1
     count = len(dive.exposures)
     size = arguments.output.stat().st_size / 1e6
-    print(f"{arguments.output}: {count} images in {seconds:.1f} s, {count / seconds:.1f} images/s, {size:.1f} MB")
+    print(f"{arguments.output}: {count} images, {size:.1f} MB; rendered at {rate:.1f} images/s")
     return 0
 
 

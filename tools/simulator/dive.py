@@ -1,12 +1,13 @@
-"""A whole dive: scenario in; images, stripes, navigation and truth out. Open loop with `fly`, closed loop with `step`."""
+"""A whole dive: scenario in; images, stripes, navigation, truth out. Open loop with `fly`, closed loop with `step`."""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
+from multiprocessing import get_context
 from typing import TypeVar
 
 import numpy as np
@@ -69,7 +70,7 @@ class Dive:
         return {"rig": self._mount, camera.frame_id: optical, **MOUNTS}
 
     def step(self, command: Command, dt: float) -> None:
-        """Closed loop: the vehicle obeys for dt seconds; images and sensors may then be asked for up to `motion.end`."""
+        """Closed loop: the vehicle obeys for dt seconds; images and sensors may then be asked for up to then."""
         self.vehicle.step(command, dt)
 
     def fly(self) -> Dive:
@@ -104,12 +105,12 @@ class Dive:
         return cast_stripe(self.renderer, view, alpha, stamp, rng)
 
     def images(self, workers: int = 2) -> Iterator[Image]:
-        """All images, in order."""
-        return _in_order(self.image, len(self.exposures), workers)
+        """All images of an open-loop dive, in order, rendered by that many processes."""
+        return _in_order(self, _image, workers)
 
     def stripes(self, workers: int = 2) -> Iterator[Stripe]:
-        """All stripes, in order."""
-        return _in_order(self.stripe, len(self.exposures), workers)
+        """All stripes of an open-loop dive, in order, cast by that many processes."""
+        return _in_order(self, _stripe, workers)
 
     def navigation(self, begin: float = 0.0, end: float | None = None) -> Navigation:
         """What the other sensors measured in [begin, end) s; ask for consecutive stretches, each once."""
@@ -168,13 +169,38 @@ def cast_profiles(scenario: Scenario, workers: int = 2) -> Survey:
     return Survey(dive.rig, dive.navigation(), dive.stripes(workers))
 
 
-def _in_order(job: Callable[[int], T], count: int, workers: int) -> Iterator[T]:
-    """job(0), job(1), ... on threads, never more than a few ahead."""
-    with ThreadPoolExecutor(workers) as pool:
+_own: Dive | None = None  # of a worker process
+
+
+def _begin(scenario: Scenario) -> None:
+    """A worker makes the same dive again from its seed: cheaper than to send a scene."""
+    global _own
+    _own = Dive(scenario).fly()
+
+
+def _image(number: int) -> Image:
+    assert _own is not None
+    return _own.image(number)
+
+
+def _stripe(number: int) -> Stripe:
+    assert _own is not None
+    return _own.stripe(number)
+
+
+def _in_order(dive: Dive, job: Callable[[int], T], workers: int) -> Iterator[T]:
+    """job(0), job(1), ... never more than some ahead. Processes, for ray casting holds Python's lock; and spawned, for
+    its threads do not survive a fork."""
+    numbers = range(len(dive.exposures))
+    if workers == 0:
+        own = dive.image if job is _image else dive.stripe
+        yield from map(own, numbers)
+        return
+    with ProcessPoolExecutor(workers, get_context("spawn"), _begin, (dive.scenario,)) as pool:
         waiting: deque[Future[T]] = deque()
-        for number in range(count):
+        for number in numbers:
             waiting.append(pool.submit(job, number))
-            if len(waiting) > 2 * workers:
+            if len(waiting) > 16 * workers:
                 yield waiting.popleft().result()
         while waiting:
             yield waiting.popleft().result()

@@ -26,4 +26,3 @@ def pilot(vehicle: Vehicle, reference: Reference, altitude: float) -> Command:
         yaw=float(np.clip(turn + 0.7 * error, -0.7, 0.7)),
         pitch=float(np.clip(-0.5 * pitch, -0.2, 0.2)),
     )
-

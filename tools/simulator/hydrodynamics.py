@@ -47,12 +47,13 @@ def waves(time: float, amplitude: Floats, omega: Floats, phase: Floats) -> tuple
 def thrust_wanted(state: Floats, command: Floats, mass: Floats, arms: Floats, gains: Floats, limit: float) -> Floats:
     """Thrust (4,) N for a command (surge m/s, heave m/s, yaw rad/s, pitch rad/s): proportional-integral on each axis.
 
-    Propellers: left and right push ahead, fore and aft push up; arms: of the horizontal and of the vertical pair, m."""
+    gains (2, 4): 1/s and 1/s^2 of each axis. Propellers: left and right push ahead, fore and aft push up; arms: of the
+    horizontal and of the vertical pair, m."""
     axis = np.array([0, 2, 5, 4])
     force = np.empty(4)
     for i in range(4):
         error = command[i] - state[7 + axis[i]]
-        force[i] = mass[axis[i]] * (gains[0] * error + gains[1] * state[17 + i])
+        force[i] = mass[axis[i]] * (gains[0, i] * error + gains[1, i] * state[17 + i])
     wanted = np.empty(4)
     wanted[0] = 0.5 * (force[0] - force[2] / arms[0])
     wanted[1] = 0.5 * (force[0] + force[2] / arms[0])
@@ -79,7 +80,7 @@ def derivative(
     omega: Floats,
     phase: Floats,
 ) -> Floats:
-    """d state / dt; `current` (3,) m/s map is the slow water, the sines are the waves (3 translations m, 3 moments N m).
+    """d state / dt; `current` (3,) m/s map: the slow water; the sines: the waves (3 translations m, 3 moments N m).
 
     The vehicle is neutrally buoyant: long waves carry it with the water. The slow current acts through drag only."""
     out = np.zeros(STATE)
@@ -118,14 +119,14 @@ def derivative(
 
 
 @njit(cache=True, nogil=True)
-def advance(state: Floats, time: float, step: float, currents: Floats, command: Floats, *model) -> tuple[Floats, Floats]:  # type: ignore[no-untyped-def]
+def advance(state: Floats, begin: int, step: float, currents: Floats, command: Floats, *model) -> tuple[Floats, Floats]:  # type: ignore[no-untyped-def]
     """len(currents) Runge-Kutta steps: the state after them, and one history row (HISTORY) at the start of each.
 
-    `model` are the arguments of `derivative` from `mass` on."""
+    begin: number of steps taken before; `model` are the arguments of `derivative` from `mass` on."""
     history = np.empty((len(currents), HISTORY))
     x = state.copy()
     for n in range(len(currents)):
-        t = time + n * step
+        t = (begin + n) * step
         k1 = derivative(x, t, command, currents[n], *model)
         k2 = derivative(x + 0.5 * step * k1, t + 0.5 * step, command, currents[n], *model)
         k3 = derivative(x + 0.5 * step * k2, t + 0.5 * step, command, currents[n], *model)

@@ -16,15 +16,19 @@ def _deposit(image: Image, u: float, v: float, energy: float, sigma: float) -> N
     """Add a Gaussian of that total energy at column u, row v."""
     height, width = image.shape
     radius = int(4.0 * sigma) + 1
-    column, row = int(round(u)), int(round(v))
+    column, row = round(u), round(v)
     if column < -radius or row < -radius or column >= width + radius or row >= height + radius:
         return
     scale = 0.5 / (sigma * sigma)
     peak = energy * scale / math.pi
+    left, right = max(column - radius, 0), min(column + radius + 1, width)
+    along = np.empty(2 * radius + 1, np.float32)
+    for c in range(left, right):
+        along[c - left] = math.exp(-scale * (c - u) ** 2)
     for r in range(max(row - radius, 0), min(row + radius + 1, height)):
-        across = peak * math.exp(-scale * (r - v) ** 2)
-        for c in range(max(column - radius, 0), min(column + radius + 1, width)):
-            image[r, c] += np.float32(across * math.exp(-scale * (c - u) ** 2))
+        across = np.float32(peak * math.exp(-scale * (r - v) ** 2))
+        for c in range(left, right):
+            image[r, c] += across * along[c - left]
 
 
 @njit(cache=True, nogil=True)
@@ -65,7 +69,7 @@ def add_bilinear(image: Image, pixel: NDArray, energy: NDArray, cell: int) -> No
         if not math.isfinite(pixel[i, 0]):
             continue
         x, y = (pixel[i, 0] + 0.5) / cell - 0.5, (pixel[i, 1] + 0.5) / cell - 0.5
-        c, r = int(math.floor(x)), int(math.floor(y))
+        c, r = math.floor(x), math.floor(y)
         for rr in range(max(r, 0), min(r + 2, height)):
             for cc in range(max(c, 0), min(c + 2, width)):
                 image[rr, cc] += np.float32(energy[i] * (1 - abs(x - cc)) * (1 - abs(y - rr)))
@@ -87,9 +91,9 @@ def add_lit_water(
 ) -> None:
     """Single scattering in the lit sheet: each line of sight crosses it once, before or behind where the sheet ends.
 
-    eye (h, w, 3) or (1, 1, 3) and sight (h, w, 3): the lines of sight, rig frame; vignette (h, w); behind (h, w) m, where
-    the line of sight ends; plane (4, 3): apex, normal, ahead, aside; reach (k,) m, of the sheet at tangents first,
-    first + step, ...; attenuation 1/m of both paths; strength: grey levels times m.
+    eye (h, w, 3) or (1, 1, 3) and sight (h, w, 3): the lines of sight, rig frame; vignette (h, w); behind (h, w) m,
+    where the line of sight ends; plane (4, 3): apex, normal, ahead, aside; reach (k,) m, of the sheet at tangents
+    first, first + step, ...; attenuation 1/m of both paths; strength: grey levels times m.
     A sheet of thickness w has irradiance P / (r w) and is crossed over w / |sight . normal|: w cancels."""
     height, width = image.shape
     moving = eye.shape[0] > 1
@@ -127,9 +131,9 @@ def add_lit_water(
             # The share of the pixel that lies on the lit side, from how fast the gap closes between columns.
             slope = abs(gap - before)
             before = gap
-            share = 1.0 if gap > 0.0 else 0.0
+            share = np.float32(1.0 if gap > 0.0 else 0.0)
             if slope > 0.0 and abs(gap) < slope:
-                share = min(max(gap / slope + 0.5, 0.0), 1.0)
+                share = np.float32(min(max(float(gap / slope) + 0.5, 0.0), 1.0))
             if share <= 0.0 or t > behind[row, column] + 0.03:
                 continue
             light = strength / (r * abs(slant)) * math.exp(-attenuation * (r + t))
@@ -138,19 +142,31 @@ def add_lit_water(
 
 @njit(cache=True, nogil=True, fastmath=True)
 def expose(
-    laser: Image, daylight: NDArray, noise: NDArray, crosstalk: NDArray, black: float, per_level: float, read: float
+    laser: Image,
+    daylight: NDArray,
+    noise: Image,
+    start: NDArray,
+    crosstalk: NDArray,
+    black: float,
+    per_level: float,
+    read: float,
 ) -> NDArray[np.uint8]:
     """What the sensor makes of the light, BGR uint8: shot noise (per_level: electrons per grey level), read noise
     (electrons), black level, clipping.
 
-    laser (h, w) and daylight (h, w, 3) grey levels; noise (h, w, 3) standard normal; crosstalk (3,) of the laser."""
+    laser (h, w) and daylight (h, w, 3) grey levels; noise: a long table of standard normal numbers, of which row r
+    takes 3 w from start[r] on; crosstalk (3,) of the laser."""
     height, width = laser.shape
     out = np.empty((height, width, 3), np.uint8)
+    floor = np.float32((read / per_level) ** 2)
+    gain = np.float32(1.0 / per_level)
+    lowest = np.float32(black + 0.5)
     for row in range(height):
+        at = start[row]
         for column in range(width):
             for channel in range(3):
                 level = laser[row, column] * crosstalk[channel] + daylight[row, column, channel]
-                spread = math.sqrt(level / per_level + (read / per_level) ** 2)
-                value = level + black + spread * noise[row, column, channel]
-                out[row, column, channel] = np.uint8(min(max(value + 0.5, 0.0), 255.0))
+                value = level + lowest + math.sqrt(level * gain + floor) * noise[at]
+                at += 1
+                out[row, column, channel] = np.uint8(min(max(value, np.float32(0.0)), np.float32(255.0)))
     return out

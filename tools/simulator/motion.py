@@ -45,10 +45,14 @@ class Motion:
         return float(self.rows[-1, 0])
 
     def at(self, time: ArrayLike) -> Kinematics:
-        """The motion at times (n,) s inside the record: cubic in position, on the great arc in attitude."""
+        """The motion at times (n,) s: cubic in position, on the great arc in attitude.
+
+        Raises ValueError for a moment that has not come yet."""
         rows = self.rows
         own = rows[:, 0]
-        t = np.clip(np.atleast_1d(np.asarray(time, float)), own[0], own[-1])
+        t = np.atleast_1d(np.asarray(time, float))
+        if len(t) and (t.min() < 0 or t.max() > own[-1] + 1e-9):
+            raise ValueError(f"the vehicle has moved for {own[-1]:.3f} s; asked for {t.min():.3f} to {t.max():.3f} s")
         after = np.clip(np.searchsorted(own, t, side="right"), 1, len(own) - 1)
         a, b = rows[after - 1], rows[after]
         h = (b[:, 0] - a[:, 0])[:, None]
@@ -63,5 +67,10 @@ class Motion:
         first, last = int(after.min()) - 1, int(after.max())
         turning = Slerp(own[first : last + 1], Rotation.from_quat(rows[first : last + 1, 4:8]))
         return Kinematics(
-            position, turning(np.clip(t, own[first], own[last])), blend[:, :3], blend[:, 3:6], blend[:, 6:9], blend[:, 9:12]
+            position,
+            turning(np.clip(t, own[first], own[last])),
+            blend[:, :3],
+            blend[:, 3:6],
+            blend[:, 6:9],
+            blend[:, 9:12],
         )

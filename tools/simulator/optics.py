@@ -24,6 +24,7 @@ COARSE = 4  # px, of the image in which the skirt is computed
 EDGE = 0.01  # m, between neighbouring rays' ranges: more is an edge
 DAYLIGHT = np.array([0.85, 1.0, 0.35], np.float32)  # blue, green, red under some metres of water
 ABSORPTION = np.array([0.9, 1.0, 5.0], np.float32)  # of daylight, relative to green
+NOISE_TABLE = 1 << 22
 SNOW_LEVEL = 60.0  # grey level of the median particle in the sheet, 1 m from laser and camera
 
 
@@ -73,7 +74,10 @@ class Renderer:
         rows, columns = (np.mgrid[: grid[0], : grid[1]] + 0.5) * step - 0.5
         coarse = rig.rays(columns.ravel(), rows.ravel())
         self._grid, self._coarse_eye, self._coarse_sight = grid, *coarse
-        self._crosstalk = np.array([camera.laser_blue, 1.0, camera.laser_red])
+        self._coarse_vignette = ((self._coarse_sight @ axis) ** 4)[:, None]
+        self._crosstalk = np.array([camera.laser_blue, 1.0, camera.laser_red], np.float32)
+        # Drawing 1.3 million normal numbers costs a third of an image: rows begin anywhere in a table of them.
+        self._noise = np.random.default_rng(scenario.seed).standard_normal(NOISE_TABLE, dtype=np.float32)
         self._per_level = camera.full_well / 255.0
         self.power = 1.0
         self.power = camera.exposure / self._test_exposure()
@@ -81,10 +85,11 @@ class Renderer:
     def image(self, view: View, alpha: float, rng: np.random.Generator) -> NDArray[np.uint8]:
         """The image (h, w, 3) BGR at a laser angle; what is random in it comes from `rng`."""
         laser, daylight = self.light(view, alpha, rng)
-        noise = rng.standard_normal(daylight.shape, dtype=np.float32)
         camera = self.scenario.camera
+        height, width = laser.shape
+        start = rng.integers(0, len(self._noise) - 3 * width, height)
         return kernels.expose(
-            laser, daylight, noise, self._crosstalk, camera.black, self._per_level, camera.read_noise
+            laser, daylight, self._noise, start, self._crosstalk, camera.black, self._per_level, camera.read_noise
         )
 
     def light(
@@ -110,7 +115,9 @@ class Renderer:
         """The slices of the sheet where they land, with the sharp energy (k,) that each ray brings into the image."""
         laser = self.scenario.laser
         lines = [cast_slice(self.rig, plane, laser, offset, view.cast) for offset in SLICES]
-        return [(line, weight * self.sharp_energy(line, plane, view)) for line, weight in zip(lines, WEIGHTS, strict=True)]
+        return [
+            (line, weight * self.sharp_energy(line, plane, view)) for line, weight in zip(lines, WEIGHTS, strict=True)
+        ]
 
     def sharp_energy(self, line: LitLine, plane: Plane, view: View) -> Floats:
         """Light (k,), summed over the pixels it falls on, that each ray of a line brings into the image unscattered."""
@@ -120,7 +127,9 @@ class Renderer:
         away, point = line.distance[seen], line.point[seen]
         lens = (point - self.rig.camera.centre) @ self.rig.camera.rotation[:, 2] / away
         kept = np.exp(-self._beam * (line.range[seen] + away))
-        energy[seen] = self.power * spread[seen] * view.albedo(point) / np.pi * line.cosine[seen] * lens / away**2 * kept
+        energy[seen] = (
+            self.power * spread[seen] * view.albedo(point) / np.pi * line.cosine[seen] * lens / away**2 * kept
+        )
         return energy
 
     def _test_exposure(self) -> float:
@@ -141,18 +150,22 @@ class Renderer:
         return float(image.max())
 
     def _daylight(self, view: View) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Where each line of sight ends (h, w) m, and daylight (h, w, 3): the ground, dimmed, and the veil before it."""
-        shape, step = self._vignette.shape, self.scenario.camera.ambient_step
+        """Where each line of sight ends (h, w) m, and daylight (h, w, 3): the ground, dimmed, and its veil."""
+        shape = self._vignette.shape
         distance, normal = view.cast(self._coarse_eye, self._coarse_sight)
         distance = np.minimum(distance, 30.0)
         point = self._coarse_eye + distance[:, None] * self._coarse_sight
         shade = view.albedo(point) / self.scenario.seabed.albedo * (0.6 + 0.4 * np.maximum(normal @ view.up, 0))
         kept = np.exp(-(self._diffuse * distance)[:, None] * ABSORPTION)
-        light = self.scenario.camera.ambient * DAYLIGHT * (shade[:, None] * kept + (1 - kept))
-        coarse = np.concatenate([light, distance[:, None]], 1).reshape(*self._grid, 4).astype(np.float32)
-        size = (self._grid[1] * step, self._grid[0] * step)
-        full = cv2.resize(coarse, size, interpolation=cv2.INTER_LINEAR)[: shape[0], : shape[1]]
-        return np.ascontiguousarray(full[..., 3]), full[..., :3] * self._vignette[..., None]
+        light = self.scenario.camera.ambient * DAYLIGHT * (shade[:, None] * kept + (1 - kept)) * self._coarse_vignette
+        return self._enlarged(distance)[: shape[0], : shape[1]], self._enlarged(light)[: shape[0], : shape[1]]
+
+    def _enlarged(self, values: Floats) -> NDArray[np.float32]:
+        """Values on the coarse grid, (n,) or (n, 3), at every pixel."""
+        step, grid = self.scenario.camera.ambient_step, self._grid
+        coarse = values.reshape(*grid, *values.shape[1:]).astype(np.float32)
+        full = cv2.resize(coarse, (grid[1] * step, grid[0] * step), interpolation=cv2.INTER_LINEAR)
+        return np.asarray(full, np.float32)
 
     def _add_lit_water(
         self, laser: NDArray[np.float32], plane: Plane, line: LitLine, behind: NDArray[np.float32]
@@ -227,9 +240,9 @@ class Renderer:
         away = np.cbrt(rng.uniform(near**3, far**3, count))
         glow = 0.4 * camera.ambient * water.snow_brightness * rng.lognormal(0.0, 0.9, count) / away**2
         for channel in range(3):
-            layer = np.ascontiguousarray(daylight[..., channel])
-            kernels.draw_points(layer, where, glow * DAYLIGHT[channel], camera.psf * (0.6 + 0.3 / away))
-            daylight[..., channel] = layer
+            kernels.draw_points(
+                daylight[..., channel], where, glow * DAYLIGHT[channel], camera.psf * (0.6 + 0.3 / away)
+            )
 
 
 def _skirt_kernel(width: float) -> NDArray[np.float32]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -15,21 +16,25 @@ TRUTH_RATE = 100.0  # Hz, of truth_trajectory.tum
 TRUTH_TOPIC_RATE = 20.0  # Hz, of /truth/odometry
 
 
-def write_log(dive: Dive, path: Path, workers: int = 2, progress: Callable[[int, int], None] | None = None) -> None:
+def write_log(dive: Dive, path: Path, workers: int = 2, progress: Callable[[int, int], None] | None = None) -> float:
     """Render the dive into an MCAP log, in order of arrival; `progress(done, all)` is told after each image.
 
-    The log carries rig.yaml as attachment and the truth as /truth/odometry."""
+    The log carries rig.yaml as attachment and the truth as /truth/odometry. Returns the images per second that were
+    rendered and written once the workers had started."""
     total = len(dive.exposures)
+    begin = time.perf_counter()
     with LogWriter(path, Topics(odometry="/truth/odometry")) as log:
         log.attach("rig.yaml", "application/yaml", dive.rig.to_yaml().encode())
         log.write_metadata("garbi.simulator", {"scenario": dive.scenario.model_dump_json()})
         log.write_mounts(START_NS, dive.mounts)
         camera = dive.rig.camera
-        matrix = [[camera.alpha_u, 0, camera.u0], [0, camera.alpha_v, camera.v0], [0, 0, 1]]
+        matrix = np.array([[camera.alpha_u, 0, camera.u0], [0, camera.alpha_v, camera.v0], [0, 0, 1]])
         log.write_camera_info(START_NS, camera.width, camera.height, matrix, list(camera.distortion))
         messages = _navigation_messages(dive, log)
         sent = 0
         for done, image in enumerate(dive.images(workers), 1):
+            if done == 1:
+                begin = time.perf_counter()
             while sent < len(messages) and messages[sent][0] <= image.arrival_ns:
                 messages[sent][1]()
                 sent += 1
@@ -38,6 +43,7 @@ def write_log(dive: Dive, path: Path, workers: int = 2, progress: Callable[[int,
                 progress(done, total)
         for _, send in messages[sent:]:
             send()
+    return (total - 1) / (time.perf_counter() - begin)
 
 
 def _navigation_messages(dive: Dive, log: LogWriter) -> list[tuple[int, Callable[[], None]]]:

@@ -59,8 +59,8 @@ def make_rig(scenario: Scenario) -> Rig:
 
 def rig_mount(scenario: Scenario) -> Mount:
     """base_link <- rig."""
-    pitch = Rotation.from_euler("y", scenario.mount.down)
-    return Mount(np.array(scenario.mount.xyz), pitch.as_quat())
+    turned = Rotation.from_euler("YX", [scenario.mount.down, scenario.mount.turn])
+    return Mount(np.array(scenario.mount.xyz), turned.as_quat())
 
 
 def _plain(value: Any) -> Any:

@@ -9,7 +9,6 @@ import numpy as np
 from garbi_map.log.records import Floats
 from tools.simulator.scenario import Route
 
-
 ARC_SPEED = 0.6  # of the speed on a lane: a vehicle without sway slides outwards on a narrow arc
 
 
@@ -74,7 +73,11 @@ def _lane(route: Route, number: int, step: float) -> tuple[Floats, Floats, Float
     angle = np.arange(0.0, np.pi, step / radius)
     arc = np.stack([way * (route.length / 2 + radius * np.sin(angle)), y + up * radius * (1 - np.cos(angle))], 1)
     turned = base + _turn_sign(route, number) * angle
-    return np.concatenate([points, arc]), np.concatenate([heading, turned]), np.r_[np.ones(len(points)), np.full(len(arc), ARC_SPEED)]
+    return (
+        np.concatenate([points, arc]),
+        np.concatenate([heading, turned]),
+        np.r_[np.ones(len(points)), np.full(len(arc), ARC_SPEED)],
+    )
 
 
 def _turn_sign(route: Route, number: int) -> float:

@@ -23,7 +23,7 @@ class Route(Settings):
     kind: Literal["lawnmower", "straight", "shuttle", "station"] = "lawnmower"
     length: Positive = 2.0  # m, of a lane
     spacing: Positive = 0.5  # m, between lanes (lawnmower), joined by half circles
-    lanes: int = Field(2, ge=1)
+    lanes: int = Field(default=2, ge=1)
     heading: float = 0.0  # rad, of the first lane, east = 0
     fan: float = 0.1  # rad, between the out and home legs of a shuttle (which reverses instead of turning)
     centre: tuple[float, float] = (0.0, 0.0)  # m, the middle of the route
@@ -46,10 +46,12 @@ class Water(Settings):
 
 
 class Sway(Settings):
-    """What waves do: water moves to and fro, and turns the vehicle. Amplitudes are 1 sigma of several periods together."""
+    """What waves do: water moves to and fro, and turns the vehicle. Amplitudes: 1 sigma of several periods together."""
 
     translation: NotNegative = 0.01  # m, of the water particles, horizontally; vertically half of it
-    rotation: NotNegative = 0.005  # rad, roll and pitch that the waves' moment would hold; yaw rate per second half of it
+    rotation: NotNegative = (
+        0.005  # rad, roll and pitch that the waves' moment would hold; yaw rate per second half of it
+    )
     period: Positive = 4.0  # s, the longest
 
 
@@ -89,6 +91,7 @@ class Mount(Settings):
 
     xyz: Vector = (0.25, 0.0, -0.1)  # m
     down: float = 1.5707963267948966  # rad, how far the view is pitched down from straight ahead
+    turn: float = 0.0  # rad, by which the rig is turned about its view; a quarter turn lays the sheet across the way
 
 
 class Window(Settings):
@@ -104,8 +107,8 @@ class Camera(Settings):
     """Image formation behind the lens."""
 
     rate: Positive = 25.0  # images per second
-    width: int = Field(768, ge=16, le=8192)  # pixels
-    height: int = Field(576, ge=16, le=8192)  # pixels
+    width: int = Field(default=768, ge=16, le=8192)  # pixels
+    height: int = Field(default=576, ge=16, le=8192)  # pixels
     focal: Positive = 800.0  # pixels
     exposure: Positive = 150.0  # grey level of the stripe's peak on mean ground at exposure_range, in this water
     exposure_range: Positive = 1.2  # m
@@ -116,8 +119,8 @@ class Camera(Settings):
     laser_blue: Share = 0.28  # the laser's crosstalk into the blue pixels
     laser_red: Share = 0.09  # and into the red ones
     ambient: NotNegative = 10.0  # grey level of mean ground in daylight, green; 0: night
-    ambient_step: int = Field(6, ge=1)  # pixels per cast ray of the daylight view
-    quality: int = Field(92, ge=1, le=100)  # JPEG
+    ambient_step: int = Field(default=8, ge=1)  # pixels per cast ray of the daylight view
+    quality: int = Field(default=92, ge=1, le=100)  # JPEG
     latency: NotNegative = 0.03  # s, exposure to arrival
     clock_offset: float = 0.0  # s, stamp minus the moment of exposure
     port: Window | None = None
@@ -201,7 +204,7 @@ class Scenario(Settings):
 
     title: str = ""
     duration: Positive = 30.0  # s
-    seed: int = Field(1, ge=0)
+    seed: int = Field(default=1, ge=0)
     altitude: Positive = 1.3  # m, of base_link above the mean seabed
     route: Route = Route()
     sway: Sway = Sway()

@@ -79,8 +79,7 @@ class Scene:
 
     def write(self, path: Path) -> None:
         """The true still surface as binary PLY."""
-        import open3d as o3d
-
+        o3d = _open3d()
         points, triangles = self.mesh
         mesh = o3d.t.geometry.TriangleMesh(o3d.core.Tensor(points.astype(np.float32)), o3d.core.Tensor(triangles))
         o3d.t.io.write_triangle_mesh(str(path), mesh)
@@ -175,7 +174,9 @@ def _made_by_man(seabed: Seabed, ground: Ground, reference: Reference) -> list[M
         rng = np.random.default_rng([len(ground.x), len(ground.y), 7])
         u = np.arange(-2.5, 2.5, 0.01)
         v = np.arange(-0.3, seabed.wall, 0.01)
-        face = seabed.relief * _noise((len(v), len(u)), 12.0, rng) + seabed.roughness * _noise((len(v), len(u)), 1.2, rng)
+        face = seabed.relief * _noise((len(v), len(u)), 12.0, rng) + seabed.roughness * _noise(
+            (len(v), len(u)), 1.2, rng
+        )
         points, triangles = shapes.grid(face, u, v)
         upright = np.stack([points[:, 2], points[:, 0], points[:, 1]], 1)
         made.append(shapes.moved((upright, triangles), np.r_[middle + far * ahead, 0.0], along))
@@ -194,19 +195,22 @@ def _body(mover: Mover) -> Mesh:
     return points * mover.size / 2, triangles
 
 
-def _ray_casting(mesh: Mesh) -> Any:
-    import open3d as o3d
+def _open3d() -> Any:
+    """Open3D, late and untyped: its stubs refuse numpy arrays that it takes."""
+    import open3d
 
+    return open3d
+
+
+def _ray_casting(mesh: Mesh) -> Any:
+    o3d = _open3d()
     scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-    scene.add_triangles(
-        o3d.core.Tensor(mesh[0].astype(np.float32)), o3d.core.Tensor(mesh[1].astype(np.uint32))
-    )
+    scene.add_triangles(o3d.core.Tensor(mesh[0].astype(np.float32)), o3d.core.Tensor(mesh[1].astype(np.uint32)))
     return scene
 
 
 def _cast(scene: Any, origin: Floats, direction: Floats) -> tuple[Floats, Floats]:
-    import open3d as o3d
-
+    o3d = _open3d()
     rays = np.concatenate([origin, direction], 1).astype(np.float32)
     found = scene.cast_rays(o3d.core.Tensor(rays), nthreads=1)
     return found["t_hit"].numpy().astype(np.float64), found["primitive_normals"].numpy().astype(np.float64)

@@ -95,13 +95,15 @@ class ImuSensor:
         true = motion.at(times)
         mount = MOUNTS["imu_link"]
         turned = true.rotation * Rotation.from_quat(mount.quaternion)
-        felt = true.acceleration_at(mount.translation) + [0.0, 0.0, GRAVITY]
+        felt = true.acceleration_at(mount.translation) + np.array([0.0, 0.0, GRAVITY])
         force = turned.inv().apply(felt) + self._accelerometer_bias
         rate = Rotation.from_quat(mount.quaternion).inv().apply(true.rate) + self._gyro_bias
         rate += factor * errors.gyro_noise * self._rng.normal(size=rate.shape)
         force += factor * errors.accelerometer_noise * self._rng.normal(size=force.shape)
         off = self._attitude_bias + self._wander.next(len(times))
-        attitude = (Rotation.from_rotvec(off) * turned).as_quat() if errors.attitude else np.full((len(times), 4), np.nan)
+        attitude = (
+            (Rotation.from_rotvec(off) * turned).as_quat() if errors.attitude else np.full((len(times), 4), np.nan)
+        )
         covariance = np.broadcast_to(self._covariance, (len(times), 3, 3))
         stamps, arrivals = self._clock.stamps(times)
         limit = errors.rate_limit
@@ -162,12 +164,14 @@ class EncoderSensor:
 
 
 class Suite:
-    """All sensors that a scenario has; each draws from a stream of its own, so that leaving one out changes no other."""
+    """All sensors that a scenario has; each draws from a stream of its own: leaving one out changes no other."""
 
     def __init__(self, scenario: Scenario) -> None:
         own = [np.random.default_rng([scenario.seed, 5, number]) for number in range(4)]
         sensors, factor = scenario.sensors, scenario.sensors.factor
         self.encoder = EncoderSensor(scenario.laser, own[0]) if scenario.laser.motor else None
         self.imu = ImuSensor(sensors.imu, factor, own[1]) if sensors.imu else None
-        self.pressure = PressureSensor(sensors.pressure, factor, scenario.water.depth, own[2]) if sensors.pressure else None
+        self.pressure = (
+            PressureSensor(sensors.pressure, factor, scenario.water.depth, own[2]) if sensors.pressure else None
+        )
         self.dvl = DvlSensor(sensors.dvl, factor, own[3]) if sensors.dvl else None

@@ -46,7 +46,9 @@ def sphere(subdivisions: int) -> Mesh:
     points = np.concatenate([np.c_[signs, zero], np.c_[zero, signs], np.c_[signs[:, 1], zero, signs[:, 0]]])
     # A face of the icosahedron is three vertices that are nearest neighbours of each other (edge length 2).
     near = np.abs(np.linalg.norm(points[:, None] - points[None], axis=2) - 2) < 1e-9
-    triples = [(a, b, c) for a in range(12) for b in range(a) for c in range(b) if near[a, b] and near[b, c] and near[a, c]]
+    triples = [
+        (a, b, c) for a in range(12) for b in range(a) for c in range(b) if near[a, b] and near[b, c] and near[a, c]
+    ]
     faces = np.array(triples)
     corners = points[faces]
     inward = (np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) * corners[:, 0]).sum(1) < 0

@@ -38,7 +38,9 @@ class Coefficients:
     quadratic: Floats = field(default_factory=lambda: np.array([260.0, 420.0, 600.0, 30.0, 40.0, 40.0]))
     restoring: float = 75.0  # N m/rad, roll and pitch
     arms: Floats = field(default_factory=lambda: np.array([0.35, 0.45]))  # m, horizontal and vertical pair
-    gains: Floats = field(default_factory=lambda: np.array([2.0, 0.5]))  # 1/s, 1/s^2: of the velocity loops
+    gains: Floats = field(  # 1/s, 1/s^2: of the velocity loops in surge, heave, yaw, pitch
+        default_factory=lambda: np.array([[2.0, 2.0, 2.0, 5.0], [0.5, 0.5, 0.5, 4.0]])
+    )
     limit: float = 60.0  # N, per propeller
     lag: float = 0.15  # s, of the propellers
 
@@ -99,7 +101,7 @@ class Vehicle:
             self._history = np.concatenate([self._history, np.empty_like(self._history)])
         asked = np.array([command.surge, command.heave, command.yaw, command.pitch])
         currents = np.stack([self._mean + self._next_eddy() for _ in range(count)])
-        self._state, rows = advance(self._state, self._steps * STEP, STEP, currents, asked, *self._model)
+        self._state, rows = advance(self._state, self._steps, STEP, currents, asked, *self._model)
         self._history[self._steps : self._steps + count] = rows
         self._steps += count
 
