@@ -20,7 +20,8 @@ def about_map(dive: Dive, built: Map) -> str:
     things = (style.ROUTE, style.ROUTE_NAVIGATION, style.PROFILE, style.SHEET, style.STRIPE, style.POSE_SIGMA)
     return f"""\
 **{built.seabed.area:.1f} m² of seabed in {seconds:.0f} s.** Where sweeps of the laser overlap they lie
-**{1e3 * after:.2f} mm** apart; with the navigation sensors alone it would be {1e3 * before:.1f} mm. {built.registered.loops} loop closures.
+**{1e3 * after:.2f} mm** apart; with the navigation sensors alone it would be {1e3 * before:.1f} mm.
+{built.registered.loops} loop closures.
 
 An underwater vehicle swings a sheet of laser light over the seabed, and its camera sees where the light falls.
 Press play, or drag the time below: the map grows as the vehicle scans. {_legend(things)}

@@ -12,8 +12,8 @@ from garbi_map.view import style
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from rerun.encodings import EntityPathLike
     from rerun.blueprint import Blueprint, EyeControls3D, View
+    from rerun.encodings import EntityPathLike
 
 SURFACE = "Surface"
 _FROM = np.array([-0.42, -0.58, 0.46])
