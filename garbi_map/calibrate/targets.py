@@ -116,10 +116,8 @@ class Checkerboard(_Target):
         cell = cell[cell.sum(axis=1) % 2 == 0]
         black = np.column_stack([self.square * (cell - 1), np.full((len(cell), 2), self.square)])
         size = (self.square * (self.inner_corners[0] + 1), self.square * (self.inner_corners[1] + 1))
-        face = _flat(size, black)[0]
-        return [
-            face._replace(black=black + [self.square, self.square, 0, 0], origin=np.array([-self.square] * 2 + [0]))
-        ]
+        black[:, :2] += self.square
+        return [_flat(size, black)[0]._replace(origin=np.array([-self.square, -self.square, 0.0]))]
 
 
 class Charuco(_Target):
@@ -195,7 +193,7 @@ class AprilTags(_Target):
 
 
 class Plane(Settings):
-    """Where a face of the two-plane target lies: its upper left printed corner, m, and the directions of its x and y."""
+    """Where a face of the two-plane target lies: its upper left printed corner, m, and its x and y directions."""
 
     origin: Vector
     u: Vector
