@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from garbi_map.calibrate.least_squares import covariance_of, minimise
-from garbi_map.calibrate.scanner import LATENCY, Scanner
+from garbi_map.calibrate.scanner import Scanner
 from garbi_map.log.records import Floats
 
 UNSEEN = 1e3  # px: the residual of what cannot be projected
@@ -223,7 +223,7 @@ class Bundle:
             return [max(value, 1e-6) for value in sigma]
         lever = np.einsum("ij,ij->i", slope @ covariance_of(slope), slope)
         corners = 2 * int(good[0].sum())
-        found = []
+        found: list[float] = []
         for part, spent in ((corner[good[0]].ravel(), lever[:corners]), (stripe[good[1]], lever[corners:])):
             left = len(part) - float(spent[: len(part)].sum())
             found.append(max(float(np.sqrt((part**2).sum() / left)), 1e-6) if left > 1 else self.sigma[len(found)])
@@ -280,6 +280,3 @@ def diagonal_prior(sigmas: Mapping[str, tuple[float, float]]) -> Prior:
     """Independent priors: name -> (mean, sigma)."""
     mean, sigma = np.array(list(sigmas.values()), float).T
     return Prior(tuple(sigmas), mean, np.diag(sigma**2))
-
-
-__all__ = ["LATENCY", "Adjusted", "Bundle", "Corners", "Poses", "Prior", "StripePoints", "diagonal_prior"]

@@ -54,7 +54,7 @@ def minimise(
 
 
 def covariance_of(slope: Floats) -> Floats:
-    """Inverse (k, k) of the normal equations of slope (n, k) in sigmas; infinite where nothing determines a parameter."""
+    """Inverse (k, k) of the normal equations of slope (n, k), sigmas; infinite where nothing determines a parameter."""
     normal = slope.T @ slope
     scale = np.sqrt(np.diag(normal))
     free = scale > 0

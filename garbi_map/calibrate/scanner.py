@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -20,9 +21,9 @@ LASER_NAMES = tuple(f"laser.{name}" for name in LASER)
 WINDOW_NAMES = tuple(f"laser.window.{name}" for name in PANE)
 LATENCY = "laser.latency"
 
-UNITS = {name: "px" for name in ("alpha_u", "alpha_v", "u0", "v0")}
-UNITS |= {name: "m" for name in ("x", "y", "z", "distance", "thickness")}
-UNITS |= {name: "rad" for name in ("turn", "tilt", "delta", "theta", "gamma", "beta")} | {"latency": "s"}
+UNITS = dict.fromkeys(("alpha_u", "alpha_v", "u0", "v0"), "px")
+UNITS |= dict.fromkeys(("x", "y", "z", "distance", "thickness"), "m")
+UNITS |= dict.fromkeys(("turn", "tilt", "delta", "theta", "gamma", "beta"), "rad") | {"latency": "s"}
 
 
 def unit_of(name: str) -> str:
@@ -34,8 +35,8 @@ def unit_of(name: str) -> str:
 class Scanner:
     """What is calibrated.
 
-    Names: camera.alpha_u ... camera.k3; camera.port.turn, .tilt (rad, from its normal as it was), .distance ...; laser.x
-    ... laser.beta; laser.window.turn ...; laser.latency (s, by which the encoder's stamps are late).
+    Names: camera.alpha_u ... camera.k3; camera.port.turn, .tilt (rad, from its normal as it was), .distance ...;
+    laser.x ... laser.beta; laser.window.turn ...; laser.latency (s, by which the encoder's stamps are late).
     """
 
     camera: Camera
@@ -70,7 +71,8 @@ class Scanner:
             window = laser.window
             if window is not None:
                 window = replace(window, **_panes(window.normal, new, "laser.window."))
-            laser = replace(laser, **{name: float(new[f"laser.{name}"]) for name in LASER}, window=window)
+            sheet: dict[str, Any] = {name: float(new[f"laser.{name}"]) for name in LASER}
+            laser = replace(laser, **sheet, window=window)
         return Scanner(camera, laser, float(new.get(LATENCY, 0.0)))
 
 
@@ -78,8 +80,8 @@ def _pane(pane: object, name: str) -> float:
     return float(getattr(pane, name.rsplit(".", 1)[1], 0.0))
 
 
-def _panes(normal: tuple[float, float, float], new: Mapping[str, float], prefix: str) -> dict[str, object]:
-    entries: dict[str, object] = {name: float(new[prefix + name]) for name in PANE[2:]}
+def _panes(normal: tuple[float, float, float], new: Mapping[str, float], prefix: str) -> dict[str, Any]:
+    entries: dict[str, Any] = {name: float(new[prefix + name]) for name in PANE[2:]}
     first, second = across(np.array(normal))
     turned = np.array(normal) + new[prefix + "turn"] * first + new[prefix + "tilt"] * second
     entries["normal"] = tuple((turned / np.linalg.norm(turned)).tolist())

@@ -81,7 +81,7 @@ def _flat(size: tuple[float, float], black: Floats) -> list[Face]:
     return [Face(np.zeros(3), np.array([1.0, 0, 0]), np.array([0, 1.0, 0]), np.array(size), black)]
 
 
-def _on_plane(xy: Floats) -> Floats:
+def _on_plane(xy: NDArray) -> Floats:
     return np.column_stack([xy, np.zeros(len(xy))])
 
 
@@ -176,7 +176,7 @@ class AprilTags(_Target):
 
     @cached_property
     def _corner(self) -> Floats:
-        return (self.tag + self.gap) * _grid(*self.tags) + self.gap
+        return np.asarray((self.tag + self.gap) * _grid(*self.tags) + self.gap, float)
 
     @cached_property
     def points(self) -> Floats:
@@ -240,11 +240,11 @@ class TwoPlanes(_Target):
         return np.concatenate([face.at(corner) for face in self.faces])
 
 
-Target = Annotated[Checkerboard | Charuco | AprilTags | TwoPlanes, Field(discriminator="kind")]
-_TARGET: TypeAdapter[Checkerboard | Charuco | AprilTags | TwoPlanes] = TypeAdapter(Target)
+AnyTarget = Checkerboard | Charuco | AprilTags | TwoPlanes
+_TARGET: TypeAdapter[AnyTarget] = TypeAdapter(Annotated[AnyTarget, Field(discriminator="kind")])
 
 
-def load_target(path: Path) -> Checkerboard | Charuco | AprilTags | TwoPlanes:
+def load_target(path: Path) -> AnyTarget:
     """The target of a file. Raises GarbiError that names the file, the key and what is wrong with it."""
     try:
         text = Path(path).read_text(encoding="utf-8")
@@ -254,7 +254,7 @@ def load_target(path: Path) -> Checkerboard | Charuco | AprilTags | TwoPlanes:
     return parse_target(text, str(path))
 
 
-def parse_target(text: str, where: str) -> Checkerboard | Charuco | AprilTags | TwoPlanes:
+def parse_target(text: str, where: str) -> AnyTarget:
     """The target of a YAML text; `where` names it in errors. Raises GarbiError."""
     try:
         return _TARGET.validate_python(yaml.safe_load(text))
