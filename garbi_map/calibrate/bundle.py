@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array, vstack
 from scipy.spatial.transform import Rotation
 
 from garbi_map.calibrate.least_squares import covariance_of, minimise
@@ -164,7 +165,7 @@ class Bundle:
         def evaluate(x: Floats) -> Floats:
             return np.append(stacked(*self.residuals(*self._at(x))), prior_slope @ x[:count] + prior_mean)
 
-        def jacobian(x: Floats) -> Floats:
+        def jacobian(x: Floats) -> csr_array:
             scanner, poses = self._at(x)
             scale = None if self.stripes is None else stripe_scale(scanner, poses, self.stripes)
 
@@ -178,14 +179,13 @@ class Bundle:
             if self.stripes is not None:
                 seen.append(self.stripes.view[stripe_good])
             view = np.concatenate(seen)
-            slope = np.zeros((len(view) + len(prior_mean), len(x)))
-            slope[len(view) :, :count] = prior_slope
+            slope = np.empty((len(view), count + 6))
             steps = step_sizes(self.free)
             for i in range(count):
                 h = np.zeros_like(x)
                 h[i] = steps[i]
                 ahead, behind = self._at(x + h)[0], self._at(x - h)[0]
-                slope[: len(view), i] = (both(ahead, poses) - both(behind, poses)) / (2 * steps[i])
+                slope[:, i] = (both(ahead, poses) - both(behind, poses)) / (2 * steps[i])
             for axis in range(6):  # a residual knows one pose only: all views move at once
                 h = np.zeros((views, 6))
                 h[:, axis] = STEP
@@ -193,8 +193,14 @@ class Bundle:
                 change = (both(scanner, self.poses.moved(offset + h)) - both(scanner, self.poses.moved(offset - h))) / (
                     2 * STEP
                 )
-                slope[np.arange(len(view)), count + 6 * view + axis] = change
-            return slope
+                slope[:, count + axis] = change
+            place = np.empty(slope.shape, np.int64)
+            place[:, :count] = np.arange(count)
+            place[:, count:] = count + 6 * view[:, None] + np.arange(6)
+            ends = np.arange(len(view) + 1) * slope.shape[1]
+            seen_rows = csr_array((slope.ravel(), place.ravel(), ends), shape=(len(view), len(x)))
+            prior_rows = np.pad(prior_slope, ((0, 0), (0, len(x) - count)))
+            return csr_array(vstack([seen_rows, csr_array(prior_rows)]))
 
         return evaluate, jacobian
 
@@ -221,7 +227,7 @@ class Bundle:
             sigma = [1.4826 * float(np.median(np.abs(corner)))]
             sigma += [1.4826 * float(np.median(np.abs(stripe)))] if len(stripe) else [self.sigma[1]]
             return [max(value, 1e-6) for value in sigma]
-        lever = np.einsum("ij,ij->i", slope @ covariance_of(slope), slope)
+        lever = np.asarray((slope * (slope @ covariance_of(slope))).sum(axis=1))
         corners = 2 * int(good[0].sum())
         found: list[float] = []
         for part, spent in ((corner[good[0]].ravel(), lever[:corners]), (stripe[good[1]], lever[corners:])):

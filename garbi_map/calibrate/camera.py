@@ -137,9 +137,9 @@ def refuse_undetermined(adjusted: Adjusted, views: Sequence[View], settings: Cal
         sigma = adjusted.sigma(f"camera.{name}")
         if not sigma < settings.max_focal_sigma * value:
             far = np.linalg.norm(adjusted.poses.translation, axis=1)
-            alike = " (all views are at one distance)" if np.ptp(far) < 0.15 * np.median(far) else ""
+            alike = ", all at one distance," if np.ptp(far) < 0.15 * np.median(far) else ""
             raise GarbiError(
-                f"{len(views)} views do not determine the focal length{alike}: {name} is {value:.0f} +- {sigma:.0f} px; "
+                f"{len(views)} views{alike} do not determine the focal length ({name} {value:.0f} +- {sigma:.0f} px): "
                 "tilt the target by 20 to 45 degrees both ways, and show it at several distances"
             )
     if camera.port is not None and not 0.0 < camera.port.distance < 1.0:

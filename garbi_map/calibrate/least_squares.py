@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import scipy.linalg
+from scipy.sparse import csr_array, diags_array
 
 from garbi_map.log.records import Floats
 
@@ -16,13 +17,13 @@ SETTLED = 1e-9  # of the cost
 
 def minimise(
     evaluate: Callable[[Floats], Floats],
-    jacobian: Callable[[Floats], Floats],
+    jacobian: Callable[[Floats], csr_array],
     start: Floats,
     robust: bool = False,
 ) -> Floats:
     """x that minimises the squares of the residuals evaluate(x) (n,), in sigmas; robust: Huber's cost instead.
 
-    jacobian(x) (n, k). Returns the best x that was reached.
+    jacobian(x) (n, k), sparse. Returns the best x that was reached.
     """
     x, damping = np.array(start, float), 1e-4
     residual = evaluate(x)
@@ -30,7 +31,7 @@ def minimise(
     for _ in range(STEPS):
         slope = jacobian(x)
         weight = np.minimum(1.0, HUBER / np.maximum(np.abs(residual), 1e-12)) if robust else np.ones_like(residual)
-        normal = slope.T @ (weight[:, None] * slope)
+        normal = (slope.T @ diags_array(weight) @ slope).toarray()
         right = slope.T @ (weight * residual)
         scale = np.sqrt(np.maximum(np.diag(normal), 1e-30))
         scaled = normal / scale[:, None] / scale
@@ -53,9 +54,9 @@ def minimise(
     return x
 
 
-def covariance_of(slope: Floats) -> Floats:
+def covariance_of(slope: csr_array) -> Floats:
     """Inverse (k, k) of the normal equations of slope (n, k), sigmas; infinite where nothing determines a parameter."""
-    normal = slope.T @ slope
+    normal = (slope.T @ slope).toarray()
     scale = np.sqrt(np.diag(normal))
     free = scale > 0
     covariance = np.diag(np.where(free, 0.0, np.inf))

@@ -19,7 +19,7 @@ from garbi_map.rig import Camera
 
 @dataclass(frozen=True)
 class View:
-    """The target in one image, or at one pose: numbers (k,) of its points, pixel (k, 2), blur (1 sigma of edges, px)."""
+    """The target at one pose: numbers (k,) of its points, pixel (k, 2), blur (1 sigma of edges, px)."""
 
     name: str
     number: NDArray[np.int64]
