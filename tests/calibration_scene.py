@@ -99,8 +99,16 @@ def stripes_of(
                 count = int(on.sum())
                 rate = 0.5 if turn % 2 else -0.5
                 parts.append(
-                    (np.full(count, view), np.full(count, image), low[on], rows[row][on], np.full(count, alpha))
-                    + (np.full(count, rate), np.tile(face.origin, (count, 1)), np.tile(face.normal, (count, 1)))
+                    (
+                        np.full(count, view),
+                        np.full(count, image),
+                        low[on],
+                        rows[row][on],
+                        np.full(count, alpha),
+                        np.full(count, rate),
+                        np.tile(face.origin, (count, 1)),
+                        np.tile(face.normal, (count, 1)),
+                    )
                 )
             image += 1
     columns_of = [np.concatenate(part) for part in zip(*parts, strict=True)]
