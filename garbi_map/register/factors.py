@@ -107,7 +107,8 @@ class AttitudeCorrection:
         n = len(t)
         theta = motion.correction(t)
         rate, matrix = self._rate_residual(motion)
-        sigma: Floats = np.where(self._told(t), self.sigma, _UNKNOWN_TURNING)
+        sigma = np.full(n, _UNKNOWN_TURNING)
+        sigma[self._told(t)] = self.sigma
         # one bias-like error for the dive, not one for each time: the rows share their information
         shared = np.sqrt(max(n / 4.0, 1.0))
         for axis in range(3):
@@ -117,6 +118,7 @@ class AttitudeCorrection:
             problem.add(rate[:, axis], sigma, runs, cauchy=4.0)
 
     def _told(self, t: Floats) -> NDArray[np.bool_]:
+        """Where (n,) the gyro speaks."""
         if self.gyro is None:
             return np.zeros(len(t), bool)
         return ~far_from(t, self.gyro, _SILENCE)
