@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from garbi_map.log.records import Image
 from garbi_map.view import style
 from garbi_map.view.about import about_map
 from garbi_map.view.blueprint import map_blueprint
 from garbi_map.view.cloud import Lookup, packed, runs, thinned
+from garbi_map.view.images import show_image
 from garbi_map.view.stream import at, recording_file, send_curves
 from garbi_map.view.vehicle import draw_vehicle
 
@@ -127,24 +127,11 @@ def _images(recording: RecordingStream, dive: Dive) -> NDArray[np.int64] | None:
         if number % settings.every:
             continue
         stamps.append(image.stamp_ns)
-        recording.set_time(style.TIMELINE, timestamp=np.datetime64(image.stamp_ns, "ns"))
-        recording.log(style.IMAGE, _shown(image))
+        show_image(recording, image)
     recording.reset_time()
     if stamps:
         recording.log(style.IMAGE, rr.EncodedImage.from_fields(draw_order=-10.0), static=True)
     return np.array(stamps, np.int64)
-
-
-def _shown(image: Image) -> object:
-    """A compressed image as it was recorded, a raw one decoded."""
-    import rerun as rr
-
-    if image.encoding in ("jpeg", "png"):
-        return rr.EncodedImage(contents=bytes(image.data), media_type=f"image/{image.encoding}")
-    from garbi_map.stripe.decode import decode
-
-    pixels = decode(image)
-    return rr.Image(pixels, color_model="L" if pixels.ndim == 2 else "BGR")
 
 
 def _sweeps(
