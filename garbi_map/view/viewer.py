@@ -35,7 +35,7 @@ class Viewer:
         self.url = f"rerun+http://127.0.0.1:{port}/proxy"
         self.page = f"http://127.0.0.1:{web_port}?url=rerun%2Bhttp%3A%2F%2Flocalhost%3A{port}%2Fproxy"
         web = [] if web_port is None else ["--serve-web", "--web-viewer-port", str(web_port)]
-        self._words: IO[bytes] = tempfile.TemporaryFile()
+        self._words: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115, closed with the viewer
         command = [str(executable()), "--port", str(port), "--memory-limit", _MEMORY, "--hide-welcome-screen", *web]
         self._process = subprocess.Popen(
             [*command, *map(str, recordings)],
@@ -132,4 +132,3 @@ def free_port() -> int:
     with socket.socket() as probe:
         probe.bind(("", 0))
         return int(probe.getsockname()[1])
-

@@ -29,9 +29,7 @@ def watch_log(
         recording.disconnect()
 
 
-def save_log(
-    path: Path, out: Path, rig: Path | None, config: Path | None, every: int | None, images: bool
-) -> None:
+def save_log(path: Path, out: Path, rig: Path | None, config: Path | None, every: int | None, images: bool) -> None:
     """The same into a file, complete or absent. Raises GarbiError where log or file system refuse."""
     log, calibration, settings = _opened(path, rig, config, every, images)
     with recording_file(out, path.stem, log_blueprint()) as recording:
