@@ -182,7 +182,7 @@ def _send_batch(
     stamps = np.array([stripe.stamp_ns for stripe in batch], np.int64)
     counts = np.array([len(stripe.row) for stripe in batch], np.int64)
     u, v = (np.concatenate([getattr(stripe, name) for stripe in batch]) for name in ("u", "row"))
-    send_stripes(recording, stamps, np.stack([u, v], axis=1) + 0.5, counts)  # the centre of a pixel is at +0.5 there
+    send_stripes(recording, stamps, np.stack([u, v], axis=1), counts)
     strength = [float(np.median(stripe.intensity)) if len(stripe.row) else 0.0 for stripe in batch]
     rows = np.array(
         [rig.camera.height if rig is not None else max(int(stripe.row.max(initial=0)), 1) for stripe in batch]
