@@ -71,7 +71,7 @@ def write_outputs(out: Path, dive: Dive, store: SweepStore, built: Map, started:
     progress.advance()
     write_seabed_tif(out / "seabed.tif", built.seabed)
     progress.advance()
-    mesh = triangulate(built.seabed, dive.config.export.max_triangles)
+    mesh = triangulate(built.seabed, dive.config.export.max_triangles, dive.config.export.widest_hole)
     write_glb(out / "seabed.glb", mesh)
     progress.advance()
     write_hillshade(out / "hillshade.png", built.seabed, dive.config.export, title=dive.paths[0].stem)
@@ -148,12 +148,11 @@ def _residuals(built: Map) -> list[Quantity]:
 
 
 def _pose_uncertainty(built: Map) -> list[Quantity]:
-    sigma = np.sqrt(np.diagonal(built.registered.trajectory.covariance, axis1=1, axis2=2))
-    middle = np.median(sigma, axis=0)
-    return [
-        Quantity(name="position, 1 sigma", value=1e3 * float(np.linalg.norm(middle[:3])), unit="mm", note="median"),
-        Quantity(name="roll and pitch, 1 sigma", value=float(np.rad2deg(middle[3:5].max())), unit="deg", note="median"),
-        Quantity(
-            name="heading, 1 sigma", value=float(np.rad2deg(middle[5])), unit="deg", note="median, relative to north"
-        ),
-    ]
+    out = []
+    for where, trajectory in (("inside the map", built.registered.inside), ("absolute", built.registered.trajectory)):
+        sigma = np.median(np.sqrt(np.diagonal(trajectory.covariance, axis1=1, axis2=2)), axis=0)
+        out += [
+            Quantity(name=f"position {where}", value=1e3 * float(np.linalg.norm(sigma[:3])), unit="mm", note="1 sigma"),
+            Quantity(name=f"attitude {where}", value=float(np.rad2deg(sigma[3:].max())), unit="deg", note="1 sigma"),
+        ]
+    return out

@@ -79,7 +79,7 @@ def build_map(
         registered = register(store, dive.navigation, navigated, config.registration, config.navigate, progress.note)
     with timed(dive, "seabed"):
         progress.stage("seabed", 2 * len(store))
-        seabed, builder = fuse(dive, store, registered.trajectory, out, progress)
+        seabed, builder = fuse(dive, store, registered.inside, out, progress)
     write_outputs(out, dive, store, Map(navigated, registered, seabed, builder), started, progress)
     shutil.rmtree(work, ignore_errors=True)
     return [*dive.log.losses, *dive.losses]

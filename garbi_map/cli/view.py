@@ -1,4 +1,6 @@
-"""`garbi view`: a log, a map or a recording, in Rerun."""
+"""`garbi view`"""
+
+from __future__ import annotations
 
 from pathlib import Path
 from typing import Annotated
@@ -10,35 +12,34 @@ from garbi_map.cli.app import app
 
 @app.command("view")
 def view(
-    what: Annotated[
-        Path, typer.Argument(help="A log, the folder of a map, or a recording (.rrd).", show_default=False)
-    ],
-    web: Annotated[bool, typer.Option("--web", help="Serve it to a browser instead of opening a window.")] = False,
-    port: Annotated[int, typer.Option(min=1, max=65535, help="Port of the page, with --web.")] = 9090,
-    save: Annotated[Path | None, typer.Option(help="Write a recording of the log, and open nothing.")] = None,
-    every: Annotated[int | None, typer.Option(min=1, help="Take every so-manieth image of a log.")] = None,
-    images: Annotated[bool, typer.Option("--images/--no-images", help="Show the images of a log.")] = True,
+    path: Annotated[Path, typer.Argument(help="A log, a finished map, or a recording.", show_default=False)],
+    web: Annotated[bool, typer.Option("--web", help="Serve a page for a browser instead of opening a window.")] = False,
+    port: Annotated[int, typer.Option(min=1, max=65535, help="Where --web serves it, to this machine.")] = 9090,
+    save: Annotated[Path | None, typer.Option(help="Write a log as a recording instead of showing it.")] = None,
+    every: Annotated[int | None, typer.Option(min=1, help="Of so many images of a log one is shown.")] = None,
+    no_images: Annotated[bool, typer.Option("--no-images", help="Leave the images of a log out.")] = False,
     rig: Annotated[Path | None, typer.Option(help="rig.yaml; wins over the one attached to the log.")] = None,
     config: Annotated[Path | None, typer.Option(help="Configuration (YAML).")] = None,
 ) -> None:
-    """Look at a log as it was recorded, or at a finished map."""
-    from garbi_map.view.viewer import Viewer, recording_of
+    """Look at a log or at a finished map in Rerun."""
+    from garbi_map.config import load_config
+    from garbi_map.view.show import recording_of, save_log, show_log, show_recording
 
-    recording = recording_of(what)
-    if save is not None:
-        if recording is not None:
-            raise typer.BadParameter(f"{recording} is a recording already", param_hint="--save")
-        from garbi_map.view.watch import save_log
-
-        save_log(what, save, rig, config, every, images)
-        typer.echo(f"{save}: open it with garbi view {save}")
+    recording = recording_of(path)
+    if recording is not None:
+        if save or every or no_images:
+            raise typer.BadParameter(
+                f"--save, --every and --no-images are for logs; {recording} is a recording already"
+            )
+        show_recording(recording, web, port)
         return
-
-    with Viewer([] if recording is None else [recording], port if web else None) as viewer:
-        if web:
-            typer.echo(f"open {viewer.page} in a browser; Ctrl-C ends it")
-        if recording is None:  # the viewer starts up while the log is being opened
-            from garbi_map.view.watch import watch_log
-
-            watch_log(what, viewer, rig, config, every, images)
-        viewer.wait()
+    settings = load_config(config)
+    changes = {"every": every or settings.view.every, "images": settings.view.images and not no_images}
+    settings = settings.model_copy(update={"view": settings.view.model_copy(update=changes)})
+    lost = save_log(path, settings, rig, save) if save else show_log(path, settings, rig, web, port)
+    for line in lost:
+        typer.echo(f"left out: {line}", err=True)
+    if save:
+        typer.echo(f"{save}: open it with garbi view {save}")
+    if lost:
+        raise typer.Exit(3)

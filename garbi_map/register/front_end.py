@@ -19,6 +19,7 @@ from garbi_map.register.settings import FrontEndSettings
 from garbi_map.register.surfels import Surfels, match_surfels
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 _CENTIMETRES = 100.0
 
@@ -132,7 +133,7 @@ def close_loops(surfels: Surfels, corrections: list[Floats], settings: FrontEndS
     return loops
 
 
-def _overlaps(surfels: Surfels, settings: FrontEndSettings) -> dict[tuple[int, int], tuple[Floats, Floats]]:
+def _overlaps(surfels: Surfels, settings: FrontEndSettings) -> dict[tuple[int, int], tuple[Ints, Ints]]:
     """For each pair of sweeps that overlap, the matched surfels of both."""
     first, second = match_surfels(surfels, settings.correspondence, np.inf)
     key = surfels.sweep[first] * (int(surfels.sweep.max(initial=0)) + 1) + surfels.sweep[second]
@@ -144,7 +145,7 @@ def _overlaps(surfels: Surfels, settings: FrontEndSettings) -> dict[tuple[int, i
     return pairs
 
 
-def information_of(surfels: Surfels, rows: Floats, sigma: float = 1e-3) -> tuple[Floats, Floats]:
+def information_of(surfels: Surfels, rows: Ints, sigma: float = 1e-3) -> tuple[Floats, Floats]:
     """Point-to-plane information (6, 6) of surfels about their centre (3,), for 1 sigma metres each."""
     mean, normal = surfels.mean[rows], surfels.normal[rows]
     centre = mean.mean(axis=0)
@@ -166,7 +167,7 @@ def remap(transform: Floats, information: Floats, centre: Floats, weakest: float
     return out
 
 
-def _agrees(surfels: Surfels, rows: tuple[Floats, Floats], transform: Floats, settings: FrontEndSettings) -> bool:
+def _agrees(surfels: Surfels, rows: tuple[Ints, Ints], transform: Floats, settings: FrontEndSettings) -> bool:
     first, second = rows
     moved = surfels.mean[second] @ transform[:3, :3].T + transform[:3, 3]
     distance = np.abs(np.einsum("nk,nk->n", moved - surfels.mean[first], surfels.normal[first]))

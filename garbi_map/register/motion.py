@@ -88,7 +88,7 @@ class Motion:
     def constants_run(self, n: int, **values: Floats) -> Run:
         """How n rows depend on the constants named as in this module, lower case: columns (n,) or (n, 3)."""
         run = np.zeros((n, RUN))
-        places = {
+        places: dict[str, slice | int] = {
             "accelerometer_bias": ACCELEROMETER_BIAS,
             "gyro_bias": GYRO_BIAS,
             "dvl_scale": DVL_SCALE,

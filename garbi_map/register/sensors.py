@@ -50,7 +50,7 @@ class Sensors:
 
     def seconds(self, stamp_ns: Stamps) -> Floats:
         """Times (n,) s of stamps (n,)."""
-        return (stamp_ns - self.epoch_ns) * 1e-9
+        return np.asarray((stamp_ns - self.epoch_ns) * 1e-9, np.float64)
 
     @property
     def prior_attitude(self) -> PriorAttitude:
@@ -119,8 +119,8 @@ class Sensors:
         values = np.hstack([time[:, None], series.specific_force[here], rate, known[:, None]])
         number = np.floor((time - time[0]) / _BIN).astype(np.int64)
         count = np.bincount(number)
-        means = np.stack([np.bincount(number, column) for column in values.T], axis=1)[count > 0]
-        means /= count[count > 0][:, None]
+        sums = np.stack([np.bincount(number, column) for column in values.T], axis=1)
+        means: Floats = sums[count > 0] / count[count > 0, None]
         t, force, rate = means[:, 0], means[:, 1:4], means[:, 4:7]
         if len(t) < 3:
             return None

@@ -18,15 +18,15 @@ if TYPE_CHECKING:
 SURFACE = "Surface"
 _FROM = np.array([-0.42, -0.58, 0.46])
 """Where the first look comes from, in sizes of the scene: astern, from starboard, above."""
+_LATELY = 4.0
+"""s of profiles that are seen at once in a log."""
 
 
-def map_blueprint(
-    seabed: NDArray, route: NDArray, speed: float, first: str = "Depth", still: bool = False
-) -> Blueprint:
+def map_blueprint(seabed: NDArray, route: NDArray, speed: float) -> Blueprint:
     """The layout of a map's recording.
 
     seabed (n, 3) and route (m, 3), m: what the first look must hold; speed: how many times faster than it was recorded
-    it plays, at least 1; first: the tab that is open; still: it does not play by itself.
+    it plays, at least 1.
     """
     import rerun.blueprint as rrb
 
@@ -34,7 +34,6 @@ def map_blueprint(
     scenes = [_coloured(colouring, eye) for colouring in style.COLOURINGS]
     hidden = [style.POINTS, style.PROFILE, style.SHEET, style.POSE_SIGMA]
     scenes.append(_scene(SURFACE, [f"- /{thing.path}" for thing in hidden], eye, {}))
-    names = [scene.name for scene in scenes]
     curves = rrb.Tabs(
         rrb.Vertical(_plot(style.DRIFT_POSITION), _plot(style.DRIFT_ATTITUDE), name="Drift"),
         rrb.Vertical(
@@ -44,10 +43,29 @@ def map_blueprint(
         ),
         rrb.Vertical(_plot(style.ENCODER), _plot(style.DEPTH), _plot(style.SPEED), name="Vehicle"),
     )
-    return _screen(rrb.Tabs(*scenes, active_tab=names.index(first)), curves, speed, still)
+    return _screen(rrb.Tabs(*scenes), curves, speed)
 
 
-def _screen(scene: Any, curves: Any, speed: float, still: bool) -> Blueprint:
+def log_blueprint(depth: float) -> Blueprint:
+    """The layout of a log as it was recorded; depth m at which the vehicle is first seen."""
+    import rerun.blueprint as rrb
+
+    target = np.array([0.3, 0.0, -depth - 0.7])
+    eye = rrb.EyeControls3D(position=target + 3.4 * _FROM, look_target=target, eye_up=(0, 0, 1))
+    lately = rrb.VisibleTimeRange(
+        style.TIMELINE,
+        start=rrb.TimeRangeBoundary.cursor_relative(seconds=-_LATELY),
+        end=rrb.TimeRangeBoundary.cursor_relative(),
+    )
+    scene = _scene("Vehicle", [], eye, {f"/{style.PROFILE.path}": rrb.VisibleTimeRanges([lately])})
+    curves = rrb.Tabs(
+        rrb.Vertical(_plot(style.ENCODER), _plot(style.STRENGTH), name="Scanner"),
+        rrb.Vertical(_plot(style.ATTITUDE), _plot(style.DEPTH), _plot(style.VELOCITY), name="Vehicle"),
+    )
+    return _screen(rrb.Tabs(scene), curves, 1.0)
+
+
+def _screen(scene: Any, curves: Any, speed: float) -> Blueprint:
     import rerun.blueprint as rrb
 
     camera = rrb.Spatial2DView(origin=style.IMAGE, name="Camera, with the stripe as found", background=style.BACKGROUND)
@@ -65,7 +83,7 @@ def _screen(scene: Any, curves: Any, speed: float, still: bool) -> Blueprint:
             state="collapsed",
             timeline=style.TIMELINE,
             playback_speed=max(speed, 1.0),
-            play_state="paused" if still else "playing",
+            play_state="playing",
         ),
         rrb.SelectionPanel(state="hidden"),
         rrb.BlueprintPanel(state="hidden"),

@@ -1,197 +1,192 @@
-"""A log as it was recorded, streamed into a recording: images with their stripe, the rig's view, the sensors' curves."""
+"""A log as it was recorded, streamed into a recording window by window."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from garbi_map.config import Config
 from garbi_map.errors import GarbiError
-from garbi_map.log import Image, Log, Navigation
+from garbi_map.log import Image, Log, Mount, Navigation
+from garbi_map.rig import Rig
+from garbi_map.stripe import Stripe, StripeDetector, detect_all
+from garbi_map.sweep import laser_angle
 from garbi_map.view import style
+from garbi_map.view.about import about_log
 from garbi_map.view.images import send_image, send_stripes, style_stripe
-from garbi_map.view.silence import Silence, within
-from garbi_map.view.stream import at, name_curves, send_curves, set_time
+from garbi_map.view.losses import send_losses
+from garbi_map.view.stream import at, name_curves, send_curves
+from garbi_map.view.thin import thinned
 from garbi_map.view.vehicle import draw_profiles, draw_vehicle
 
 if TYPE_CHECKING:
     from rerun import RecordingStream
 
-    from garbi_map.rig import Rig
-    from garbi_map.stripe import Stripe
-    from garbi_map.sweep import Angle
+    from garbi_map.sweep.angle import Angle
 
-_FIRST_WINDOW = 1.0
-_WINDOW = 60.0
-"""Seconds that are read at a time; the first window is short, so that there is something to look at."""
+_FIRST_NS, _WINDOW_NS = 500_000_000, 5_000_000_000
 _MARGIN_NS = 1_000_000_000
-_BATCH = 25
-"""Stripes that are sent at once."""
+"""More of the encoder than the window: the laser's angle is smoothed."""
+_MOST_WINDOWS = 10_000
+_MOST_ROWS = 192
+"""Points of a stripe that are drawn."""
+_PLOTS = (style.ENCODER, style.STRENGTH, style.ATTITUDE, style.DEPTH, style.VELOCITY)
+
+
+def first_depth(log: Log, config: Config) -> float:
+    """Depth, m, at which a log begins; 0 where it does not say."""
+    pressure = log.navigation(log.begin_ns, log.begin_ns + _WINDOW_NS).pressure
+    return 0.0 if pressure is None else float(_depth(pressure.pressure[:1], config)[0])
 
 
 def stream_log(
-    recording: RecordingStream, log: Log, rig: Rig | None, config: Config, going_on: Callable[[], bool] = lambda: True
-) -> None:
-    """Send a log into a recording, window by window, in the order of time; memory does not grow with the log.
+    recording: RecordingStream, log: Log, rig: Rig | None, config: Config, workers: int = 2
+) -> Iterator[int]:
+    """Send a log; yields the stamp, ns, up to which it has been sent, so that the caller can stop. Memory: one window.
 
-    Without a rig there is no vehicle and no profile, without a laser angle no profile. `going_on` says when to stop.
+    rig: None where the log has no usable one; then there are images and curves, but neither stripe nor profile.
     """
     import rerun as rr
 
-    recording.log(style.ABOUT, rr.TextDocument(about_log(log, rig), media_type="text/markdown"), static=True)
-    recording.log(style.WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    style_stripe(recording)
-    for plot in (style.ENCODER, style.STRENGTH, style.ATTITUDE, style.VELOCITY, style.DEPTH):
+    recording.log(style.ABOUT, rr.TextDocument(about_log(log), media_type="text/markdown"), static=True)
+    for plot in _PLOTS:
         name_curves(recording, plot)
-    joint = rig.laser.joint if rig is not None else "laser_joint"
-    silence = Silence()
-    told: set[str] = set()
-    for begin_ns, end_ns in _windows(log.begin_ns, log.end_ns):
-        navigation = log.navigation(begin_ns - _MARGIN_NS, end_ns + _MARGIN_NS, joint)
-        if rig is not None and begin_ns == log.begin_ns:
+    style_stripe(recording)
+    known: list[str] = []
+    drawn = False
+    for begin, end in _windows(log):
+        navigation = log.navigation(
+            begin - _MARGIN_NS, end + _MARGIN_NS, joint=rig.laser.joint if rig else "laser_joint"
+        )
+        if rig is not None and not drawn:
             draw_vehicle(recording, rig, navigation.mount("rig"))
-        _send_sensors(recording, navigation, begin_ns, end_ns, config)
-        for _ in _send_stripes(recording, log, rig, navigation, config, (begin_ns, end_ns), silence):
-            if not going_on():
-                return
-        for stamp_ns, line in silence.gaps(navigation, begin_ns, end_ns):
-            _tell(recording, stamp_ns, line)
-        for line in log.losses:
-            if line not in told:
-                told.add(line)
-                _tell(recording, begin_ns, line)
-        recording.flush()
-    for stamp_ns, line in silence.ends(log.end_ns):
-        _tell(recording, stamp_ns, line)
-    if not told and not silence.found:
-        _tell(recording, log.begin_ns, "No gaps, no damage.", level="INFO")
+            drawn = True
+        _send_navigation(recording, navigation, config, begin, end)
+        _send_camera(recording, log, rig, navigation, config, begin, end, workers)
+        new = [line for line in log.losses if line not in known]
+        known += new
+        send_losses(recording, new, begin)
+        yield end
 
 
-def about_log(log: Log, rig: Rig | None) -> str:
-    """Markdown: what the screen shows and what is in the log."""
-    seconds = (log.end_ns - log.begin_ns) * 1e-9
-    shown = (style.STRIPE, style.PROFILE, style.SHEET)
-    legend = "\n".join(f"- **{thing.name}**: {thing.meaning}" for thing in shown)
-    topics = "\n".join(f"| `{name}` | {topic.count} | {topic.type} |" for name, topic in sorted(log.topics.items()))
-    without = "" if rig is not None else "**No rig file**, so no vehicle and no profiles: give one with `--rig`.\n\n"
-    return f"""A recorded dive as it is, {seconds:.0f} s, {log.image_count} images, {log.size / 1e6:.0f} MB. Nothing is
-corrected; `garbi map` does that.
-
-{without}{legend}
-
-| topic | messages | type |
-| --- | --- | --- |
-{topics}
-"""
+def _windows(log: Log) -> Iterator[tuple[int, int]]:
+    """Spans [begin, end) ns: a short one first, so that there is something to see, and never very many."""
+    step = max(_WINDOW_NS, (log.end_ns - log.begin_ns) // _MOST_WINDOWS)
+    begin, end = log.begin_ns, log.begin_ns + _FIRST_NS
+    while begin <= log.end_ns:
+        yield begin, end
+        begin, end = end, end + step
 
 
-def _windows(begin_ns: int, end_ns: int) -> Iterator[tuple[int, int]]:
-    start, length = begin_ns, round(_FIRST_WINDOW * 1e9)
-    while start <= end_ns:
-        yield start, start + length
-        start, length = start + length, round(_WINDOW * 1e9)
+def _send_navigation(recording: RecordingStream, found: Navigation, config: Config, begin: int, end: int) -> None:
+    def within(stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
+        return (stamps >= begin) & (stamps < end)
+
+    if found.encoder is not None:
+        now = within(found.encoder.stamp_ns)
+        send_curves(recording, style.ENCODER, found.encoder.stamp_ns[now], np.rad2deg(found.encoder.angle[now]))
+    if found.pressure is not None:
+        now = within(found.pressure.stamp_ns)
+        send_curves(recording, style.DEPTH, found.pressure.stamp_ns[now], _depth(found.pressure.pressure[now], config))
+    if found.dvl is not None:
+        now = within(found.dvl.stamp_ns)
+        turn = Rotation.from_quat(found.mount("dvl_link").quaternion)
+        send_curves(recording, style.VELOCITY, found.dvl.stamp_ns[now], turn.apply(found.dvl.velocity[now]))
+    _send_pose(recording, found, config, within)
 
 
-def _tell(recording: RecordingStream, stamp_ns: int, line: str, level: str = "WARN") -> None:
+def _send_pose(recording: RecordingStream, found: Navigation, config: Config, within: Any) -> None:
+    """The vehicle turns as its attitude topic says and dives as its pressure says; where it goes is not known yet."""
     import rerun as rr
 
-    set_time(recording, stamp_ns)
-    recording.log(style.LOSSES, rr.TextLog(line, level=level))
-
-
-def _send_sensors(
-    recording: RecordingStream, navigation: Navigation, begin_ns: int, end_ns: int, config: Config
-) -> None:
-    import rerun as rr
-
-    encoder, imu, pressure, dvl = navigation.encoder, navigation.imu, navigation.pressure, navigation.dvl
-    if encoder is not None:
-        own = within(encoder.stamp_ns, begin_ns, end_ns)
-        send_curves(recording, style.ENCODER, encoder.stamp_ns[own], np.rad2deg(encoder.angle[own]))
-    if imu is not None:
-        own = within(imu.stamp_ns, begin_ns, end_ns)
-        known = np.isfinite(imu.attitude[own]).all(axis=1)
-        stamps = imu.stamp_ns[own][known]
+    stamps, turn = np.empty(0, np.int64), np.empty((0, 4))
+    if found.imu is not None:
+        known = within(found.imu.stamp_ns) & np.isfinite(found.imu.attitude).all(axis=1)
+        stamps, turn = found.imu.stamp_ns[known], found.imu.attitude[known]
         if len(stamps):
-            mounting = Rotation.from_quat(navigation.mount("imu_link").quaternion)
-            attitude = Rotation.from_quat(imu.attitude[own][known]) * mounting.inv()
-            send_curves(recording, style.ATTITUDE, stamps, attitude.as_euler("ZYX", degrees=True)[:, ::-1])
-            rows = rr.Transform3D.columns(quaternion=attitude.as_quat().astype(np.float32))
-            recording.send_columns(style.VEHICLE, at(stamps), rows)
-    if pressure is not None:
-        own = within(pressure.stamp_ns, begin_ns, end_ns)
-        water = config.navigate
-        depth = (pressure.pressure[own] - water.atmosphere) / (water.water_density * water.gravity)
-        send_curves(recording, style.DEPTH, pressure.stamp_ns[own], depth)
-    if dvl is not None:
-        own = within(dvl.stamp_ns, begin_ns, end_ns)
-        velocity = Rotation.from_quat(navigation.mount("dvl_link").quaternion).apply(dvl.velocity[own])
-        send_curves(recording, style.VELOCITY, dvl.stamp_ns[own], velocity)
+            mount = Rotation.from_quat(found.mount("imu_link").quaternion)
+            attitude = Rotation.from_quat(turn) * mount.inv()
+            turn = attitude.as_quat()
+            yaw, pitch, roll = attitude.as_euler("ZYX", degrees=True).T
+            send_curves(recording, style.ATTITUDE, stamps, np.stack([roll, pitch, yaw], axis=1))
+    if len(stamps) == 0 and found.pressure is not None:
+        stamps = found.pressure.stamp_ns[within(found.pressure.stamp_ns)]
+        turn = np.tile(Mount().quaternion, (len(stamps), 1))
+    if len(stamps) == 0:
+        return
+    place = np.zeros((len(stamps), 3), np.float32)
+    if found.pressure is not None:
+        reference = found.pressure.stamp_ns[0]
+        place[:, 2] = -np.interp(
+            stamps - reference, found.pressure.stamp_ns - reference, _depth(found.pressure.pressure, config)
+        )
+    rows = rr.Transform3D.columns(translation=place, quaternion=turn.astype(np.float32))
+    recording.send_columns(style.VEHICLE, at(stamps), rows)
 
 
-def _send_stripes(
+def _send_camera(
     recording: RecordingStream,
     log: Log,
     rig: Rig | None,
-    navigation: Navigation,
+    found: Navigation,
     config: Config,
-    span_ns: tuple[int, int],
-    silence: Silence,
-) -> Iterator[None]:
-    """Images, stripes and profiles of a window, some at a time, so that the caller may stop."""
-    from garbi_map.stripe import StripeDetector, detect_all
+    begin: int,
+    end: int,
+    workers: int,
+) -> None:
+    """Images as they come, the stripes of all of them at the window's end."""
 
     def images() -> Iterator[Image]:
-        for image in log.images(*span_ns):
-            silence.image(image.stamp_ns)
-            if (silence.images - 1) % config.view.every:
-                continue
-            if config.view.images:
-                send_image(recording, image)
-            yield image
+        for number, image in enumerate(log.images(begin, end)):
+            if number % config.view.every == 0:
+                if config.view.images:
+                    send_image(recording, image)
+                yield image
 
-    angle = _angle_of(rig, navigation, config)
-    batch: list[Stripe] = []
-    for stripe in detect_all(images(), StripeDetector(config.stripe, rig), None if angle is None else angle.alpha):
-        batch.append(stripe)
-        if len(batch) == _BATCH:
-            _send_batch(recording, batch, rig, angle, config)
-            batch.clear()
-            yield
-    if batch:
-        _send_batch(recording, batch, rig, angle, config)
-        yield
+    angle = _angle(found, rig, config)
+    detector = StripeDetector(config.stripe, rig)
+    stripes = list(detect_all(images(), detector, angle.alpha if angle else None, workers))
+    recording.reset_time()
+    if not stripes:
+        return
+    stamps = np.array([stripe.stamp_ns for stripe in stripes], np.int64)
+    picks = [thinned(len(stripe.u), _MOST_ROWS) for stripe in stripes]
+    lengths = np.array([len(pick) for pick in picks])
+    u = np.concatenate([stripe.u[pick] for stripe, pick in zip(stripes, picks, strict=True)])
+    row = np.concatenate([stripe.row[pick] for stripe, pick in zip(stripes, picks, strict=True)])
+    if config.view.images:
+        send_stripes(recording, stamps, np.stack([u, row], axis=1), lengths)
+    rows = rig.camera.height if rig else max(int(row.max(initial=0)) + 1, 1)
+    send_curves(recording, style.STRENGTH, stamps, [_strength(stripe, rows) for stripe in stripes])
+    if rig is not None and angle is not None:
+        alpha = np.repeat(angle.at(stamps)[0], lengths)
+        points = rig.triangulate(u.astype(float), row.astype(float), alpha).points
+        depth = rig.depth(points)
+        good = (depth > config.stripe.min_range) & (depth < config.stripe.max_range)  # NaN is no good
+        kept = np.bincount(np.repeat(np.arange(len(stamps)), lengths)[good], minlength=len(stamps))
+        draw_profiles(recording, rig.laser.apex, stamps, points[good], kept)
 
 
-def _angle_of(rig: Rig | None, navigation: Navigation, config: Config) -> Angle | None:
-    """The laser's angle where rig and log tell it."""
-    from garbi_map.sweep import laser_angle
-
+def _angle(found: Navigation, rig: Rig | None, config: Config) -> Angle | None:
+    """The laser's angle, where the window tells it."""
+    if rig is None:
+        return None
     try:
-        return None if rig is None else laser_angle(navigation.encoder, rig, config.sweep)
+        return laser_angle(found.encoder, rig, config.sweep)
     except GarbiError:
         return None
 
 
-def _send_batch(
-    recording: RecordingStream, batch: list[Stripe], rig: Rig | None, angle: Angle | None, config: Config
-) -> None:
-    stamps = np.array([stripe.stamp_ns for stripe in batch], np.int64)
-    counts = np.array([len(stripe.row) for stripe in batch], np.int64)
-    u, v = (np.concatenate([getattr(stripe, name) for stripe in batch]) for name in ("u", "row"))
-    send_stripes(recording, stamps, np.stack([u, v], axis=1), counts)
-    strength = [float(np.median(stripe.intensity)) if len(stripe.row) else 0.0 for stripe in batch]
-    rows = np.array(
-        [rig.camera.height if rig is not None else max(int(stripe.row.max(initial=0)), 1) for stripe in batch]
-    )
-    send_curves(recording, style.STRENGTH, stamps, np.stack([strength, 100.0 * counts / rows], axis=1))
-    if rig is None or angle is None:
-        return
-    which = np.repeat(np.arange(len(batch)), counts)
-    points = rig.triangulate(u, v, angle.at(stamps)[0][which]).points
-    depth = rig.depth(points)
-    good = (depth >= config.sweep.min_range) & (depth <= config.sweep.max_range)
-    draw_profiles(recording, rig.laser.apex, stamps, points[good], np.bincount(which[good], minlength=len(batch)))
+def _strength(stripe: Stripe, rows: int) -> tuple[float, float]:
+    """Median peak above background, 0..255, and the share of the rows that see the laser, %."""
+    return (float(np.median(stripe.intensity)) if len(stripe.intensity) else 0.0, 100.0 * len(stripe.u) / rows)
+
+
+def _depth(pressure: NDArray[np.float64], config: Config) -> NDArray[np.float64]:
+    """Depth (n,) m of absolute pressures (n,) Pa."""
+    water = config.navigate
+    return (pressure - water.atmosphere) / (water.water_density * water.gravity)

@@ -14,9 +14,11 @@ from garbi_map.view.about import about_map
 from garbi_map.view.blueprint import map_blueprint
 from garbi_map.view.budget import share_out
 from garbi_map.view.images import send_images
-from garbi_map.view.stream import at, name_curves, recording_file, send_curves, set_time
+from garbi_map.view.losses import send_losses
+from garbi_map.view.stream import at, name_curves, recording_file, send_curves
 from garbi_map.view.surface import draw_surface
-from garbi_map.view.sweeps import send_sweeps, thinned
+from garbi_map.view.sweeps import send_sweeps
+from garbi_map.view.thin import thinned
 from garbi_map.view.vehicle import draw_vehicle
 
 if TYPE_CHECKING:
@@ -53,22 +55,11 @@ def record_map(path: Path, dive: Dive, store: SweepStore, built: Map, mesh: Mesh
         profiles = sum(entry.profiles for entry in store.entries) // settings.every
         budget = share_out(dive.log.size, size, seconds, len(store), profiles, settings)
         if len(mesh.triangles) > budget.triangles:
-            mesh = triangulate(built.seabed, budget.triangles)
+            mesh = triangulate(built.seabed, budget.triangles, dive.config.export.widest_hole)
         draw_surface(recording, mesh)
         send_sweeps(recording, dive, store, built, budget, shown)
-        send_losses(recording, [*dive.log.losses, *dive.losses], dive.log.begin_ns)
-
-
-def send_losses(recording: RecordingStream, lines: list[str], stamp_ns: int) -> None:
-    """What could not be used, one line each."""
-    import rerun as rr
-
-    set_time(recording, stamp_ns)
-    for line in lines:
-        recording.log(style.LOSSES, rr.TextLog(line, level="WARN"))
-    if not lines:
-        recording.log(style.LOSSES, rr.TextLog("Nothing was left out.", level="INFO"))
-    recording.reset_time()
+        lost = [*dive.log.losses, *dive.losses]
+        send_losses(recording, lost or ["nothing was left out"], dive.log.begin_ns)
 
 
 def _draw_routes(recording: RecordingStream, dive: Dive, built: Map) -> None:

@@ -12,6 +12,7 @@ from garbi_map.view.budget import Budget
 from garbi_map.view.cloud import FinishedMap
 from garbi_map.view.images import send_stripes, style_stripe
 from garbi_map.view.stream import at, name_curves, send_curves
+from garbi_map.view.thin import runs, thinned
 from garbi_map.view.vehicle import draw_profiles
 
 if TYPE_CHECKING:
@@ -105,14 +106,3 @@ def _typical(off: NDArray) -> float:
     """Median distance, mm, of heights in m; NaN where none is known."""
     known = np.abs(off[np.isfinite(off)])
     return 1e3 * float(np.median(known)) if len(known) else np.nan
-
-
-def thinned(count: int, most: int) -> NDArray[np.int64]:
-    """At most `most` of the indices 0 .. count - 1, evenly spread."""
-    return np.arange(count) if count <= most else np.linspace(0, count - 1, most).astype(np.int64)
-
-
-def runs(groups: NDArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """First index and length of each run of equal values in an array that is not empty."""
-    first = np.flatnonzero(np.r_[True, groups[1:] != groups[:-1]])
-    return first, np.diff(np.r_[first, len(groups)])

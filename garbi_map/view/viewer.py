@@ -1,134 +1,121 @@
-"""Rerun's own viewer as a process of its own: in a window, or served to a browser."""
+"""Rerun's viewer as a process of its own: a window, or a page that a browser opens."""
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import socket
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import IO
+from urllib.parse import quote
 
 from garbi_map.errors import GarbiError
 
-WAYS_OUT = "--web serves it to a browser, --save FILE.rrd writes a recording to look at elsewhere"
-_MEMORY = "50%"
+WEB_PORT = 9090
+_DATA_PORT = 9876
+_HERE = "127.0.0.1"
+_MAGIC = b"RRF"
 
 
+@dataclass(frozen=True)
 class Viewer:
-    """A viewer that shows recordings, or waits at `url` for what is streamed to it.
+    """A viewer that runs; data sent to `proxy` appears in it. page: what a browser opens, None for a window."""
 
-    web_port    None: a window on this desk; else the port at which a browser finds it
+    process: subprocess.Popen[bytes]
+    proxy: str
+    page: str | None
 
-    Raises GarbiError where there is neither screen nor a way to draw, or the port is taken.
-    """
-
-    def __init__(self, recordings: Sequence[Path] = (), web_port: int | None = None) -> None:
-        if web_port is None and not has_screen():
-            raise GarbiError(f"no display here: {WAYS_OUT}")
-        if web_port is not None and not is_free(web_port):
-            raise GarbiError(f"port {web_port} is in use: choose another one with --port")
-        port = free_port()
-        self.url = f"rerun+http://127.0.0.1:{port}/proxy"
-        self.page = f"http://127.0.0.1:{web_port}?url=rerun%2Bhttp%3A%2F%2Flocalhost%3A{port}%2Fproxy"
-        web = [] if web_port is None else ["--serve-web", "--web-viewer-port", str(web_port)]
-        self._words: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115, closed with the viewer
-        command = [str(executable()), "--port", str(port), "--memory-limit", _MEMORY, "--hide-welcome-screen", *web]
-        self._process = subprocess.Popen(
-            [*command, *map(str, recordings)],
-            stdin=subprocess.DEVNULL,
-            stdout=self._words,
-            stderr=self._words,
-            env={**os.environ, "RERUN_ANALYTICS": "0"},
-        )
-
-    def wait(self) -> None:
-        """Until it is closed. Raises GarbiError where it ended because it cannot draw."""
-        self._process.wait()
-        self.check()
-
-    def check(self) -> bool:
-        """Whether it is still there. Raises GarbiError where it ended because it cannot draw."""
-        status = self._process.poll()
-        if status is None or status == 0:
-            return status is None
-        self._words.seek(0)
-        words = self._words.read().decode(errors="replace").lower()
-        what = "no GPU or driver to draw with" if "adapter" in words else "the viewer could not open a window"
-        raise GarbiError(f"{what}: {WAYS_OUT}")
-
-    def close(self) -> None:
-        """End it."""
-        if self._process.poll() is None:
-            self._process.terminate()
-            self._process.wait(10)
-
-    def __enter__(self) -> Viewer:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
+    @property
+    def open(self) -> bool:
+        """Whether it still runs."""
+        return self.process.poll() is None
 
 
-def recording_of(what: Path) -> Path | None:
-    """The recording that a path is or holds; None where it is a log.
-
-    Raises GarbiError where there is nothing, the folder of a map is not finished, or a recording is none.
-    """
-    if not what.exists():
-        raise GarbiError(f"{what}: no such file or directory")
-    if what.is_dir():
-        if (what / "metadata.yaml").exists():
-            return None
-        if not (what / "map.rrd").exists():
-            raise GarbiError(f"{what}: no map.rrd here; run garbi map LOG -o {what}, again if it was interrupted")
-        what = what / "map.rrd"
-    if what.suffix != ".rrd":
-        return None
-    with what.open("rb") as file:
-        if not file.read(4).startswith(b"RRF"):
-            raise GarbiError(f"{what}: not a Rerun recording, or one of a very old version")
-    return what
-
-
-def executable() -> Path:
-    """The viewer that comes with the installed rerun-sdk."""
-    import importlib.util
-
+def viewer_binary() -> Path:
+    """The viewer that came with the Rerun package, whatever PATH says. Raises GarbiError where it has none."""
     found = importlib.util.find_spec("rerun_cli")
-    folder = Path(found.origin).parent if found is not None and found.origin else Path()
-    name = {"win32": "rerun.exe", "darwin": "Rerun.app/Contents/MacOS/Rerun"}.get(sys.platform, "rerun")
-    path = folder / name if (folder / name).exists() else folder / "rerun"
-    if not path.exists():
-        raise GarbiError("the Rerun viewer is not installed: pip install rerun-sdk")
+    for folder in (found.submodule_search_locations or []) if found else []:
+        for name in ("rerun", "rerun.exe", "Rerun.app/Contents/MacOS/Rerun"):
+            if (Path(folder) / name).is_file():
+                return Path(folder) / name
+    raise GarbiError("Rerun's viewer is not installed: pip install rerun-sdk, or write a file with --save FILE.rrd")
+
+
+@contextmanager
+def viewer(file: Path | None, web: bool, port: int = WEB_PORT) -> Iterator[Viewer]:
+    """A viewer, with a recording opened in it where there is one; it is closed with the block.
+
+    port: where the browser's page is served, to this machine alone.
+    Raises GarbiError where there is no display, no graphics, or the port is in use.
+    """
+    if (
+        not web
+        and sys.platform.startswith("linux")
+        and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+    ):
+        raise GarbiError(
+            "there is no display here: use --web for a browser, or --save FILE.rrd and open that elsewhere"
+        )
+    if web and not _free(port):
+        raise GarbiError(f"port {port} is in use: choose another one with --port")
+    data = _DATA_PORT if _free(_DATA_PORT) else _any_free()
+    proxy = f"rerun+http://{_HERE}:{data}/proxy"
+    page = f"http://{_HERE}:{port}/?url={quote(proxy, safe='')}" if web else None
+    command = [str(viewer_binary()), "--bind", _HERE, "--port", str(data), "--hide-welcome-screen"]
+    command += ["--serve-web", "--web-viewer-port", str(port)] if web else []
+    command += [str(file)] if file else ["--expect-data-soon"]
+    with tempfile.TemporaryFile() as words:
+        quiet = {**os.environ, "RERUN_ANALYTICS": "0", "RUST_LOG": "error", "NO_COLOR": "1"}
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=words, env=quiet)
+        try:
+            yield Viewer(process, proxy, page)
+            if process.poll():
+                raise GarbiError(_why(words.read() if words.seek(0) == 0 else b"", process.returncode))
+        finally:
+            if process.poll() is None:
+                process.terminate()
+                process.wait()
+
+
+def check_recording(path: Path) -> Path:
+    """The path of a Rerun recording. Raises GarbiError where there is none, or it is something else."""
+    try:
+        with path.open("rb") as file:
+            magic = file.read(4)
+    except OSError as error:
+        raise GarbiError(f"{path}: cannot be read: {error.strerror}") from error
+    if not magic.startswith(_MAGIC):
+        raise GarbiError(f"{path}: not a Rerun recording (.rrd)")
     return path
 
 
-def has_screen() -> bool:
-    """Whether a window could be opened; only Linux can say no."""
-    return not sys.platform.startswith("linux") or any(
-        os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
-    )
+def _why(words: bytes, status: int) -> str:
+    text = words.decode(errors="replace")
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
+    if "adapter" in text or "wgpu" in text:
+        return (
+            "no usable graphics here (apt-get install mesa-vulkan-drivers gives a slow one): "
+            "use --web for a browser, or --save FILE.rrd and open that elsewhere"
+        )
+    return f"the viewer ended with status {status}: {lines[-1] if lines else 'it gives no reason'}"
 
 
-def is_free(port: int) -> bool:
-    """Whether nobody listens at a port of this machine."""
+def _free(port: int) -> bool:
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
-            probe.bind(("", port))
+            probe.bind((_HERE, port))
         except OSError:
             return False
-        return True
+    return True
 
 
-def free_port() -> int:
-    """A port that nobody listens at."""
+def _any_free() -> int:
     with socket.socket() as probe:
-        probe.bind(("", 0))
+        probe.bind((_HERE, 0))
         return int(probe.getsockname()[1])

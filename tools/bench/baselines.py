@@ -61,7 +61,8 @@ def gicp(store: SweepStore, navigation: Trajectory, mount: Mount, against: int =
                 registration.ICPConvergenceCriteria(max_iteration=40),
             )  # fmt: skip
             correction = np.array(found.transformation)
-        clouds.append(cloud.transform(correction))
+        cloud.transform(correction)
+        clouds.append(cloud)
         stamps.append((int(sweep.stamp_ns[0]) + int(sweep.stamp_ns[-1])) // 2)
         moves.append(correction)
     return _moved(navigation, np.array(stamps), np.array(moves))
