@@ -1,4 +1,4 @@
-"""Recordings, looked at through Rerun's viewer without a screen."""
+"""What a recording shows lies where it must, as seen through Rerun's viewer without a screen."""
 
 from __future__ import annotations
 
@@ -80,13 +80,6 @@ def picture(viewer: HeadlessViewer, tab: str, tmp_path: Path) -> np.ndarray:
     return seen.astype(np.float64)
 
 
-def test_no_view_reports_an_error(viewer: HeadlessViewer) -> None:
-    """Every view of the layout shows what it was made for."""
-    classes = {view.view_class for view in viewer.client.get_state().views}
-    assert {"2D", "3D", "TimeSeries", "TextDocument"} <= classes
-    assert viewer.reports() == []
-
-
 def test_every_entity_has_a_place_in_the_map(viewer: HeadlessViewer) -> None:
     """From each entity that is drawn a chain of transforms leads to the map's frame."""
     parent = {edge["child"]: edge["parent"] for edge in viewer.client.get_transform_graph()["edges"]}
@@ -99,13 +92,6 @@ def test_every_entity_has_a_place_in_the_map(viewer: HeadlessViewer) -> None:
         while frame in parent and frame != "tf#/map":
             frame = parent[frame]
         assert frame == "tf#/map", path
-
-
-def test_stamps_are_the_only_time(viewer: HeadlessViewer) -> None:
-    """One timeline, which spans the log."""
-    timelines = viewer.client.get_state().recordings[0].timelines
-    assert [timeline.name for timeline in timelines] == ["stamp"]
-    assert viewer.span_ns == (START, START + (SECONDS * 100 - 1) * 10_000_000)
 
 
 def test_the_stripe_is_drawn_on_its_pixels(viewer: HeadlessViewer, tmp_path: Path) -> None:
@@ -133,29 +119,3 @@ def test_the_vehicle_and_its_profile_are_in_the_picture(viewer: HeadlessViewer, 
         assert len(rows) > 150
         assert columns.min() > 5 and columns.max() < seen.shape[1] - 5
         assert rows.min() > 5 and rows.max() < seen.shape[0] - 5
-
-
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
-        (["nowhere.mcap"], "nowhere.mcap"),
-        (["empty"], "map.rrd"),
-        (["noise.rrd"], "not a Rerun recording"),
-        (["log.mcap"], "--save"),
-    ],
-)
-def test_what_cannot_be_shown_ends_in_one_line(
-    arguments: list[str], says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Nothing there, a map that is not finished, a file that is no recording, a log on a machine without a display."""
-    (tmp_path / "empty").mkdir()
-    (tmp_path / "noise.rrd").write_bytes(b"noise")
-    with LogWriter(tmp_path / "log.mcap") as log:
-        log.write_encoder(START, 0.0)
-    for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
-        monkeypatch.delenv(name, raising=False)
-    monkeypatch.chdir(tmp_path)
-    done = CliRunner().invoke(app, arguments)
-    assert type(done.exception).__name__ == "GarbiError"
-    assert says in str(done.exception)
-    assert "\n" not in str(done.exception)
