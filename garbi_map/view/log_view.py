@@ -19,6 +19,7 @@ from garbi_map.view import style
 from garbi_map.view.about import about_log
 from garbi_map.view.images import send_image, send_stripes, style_stripe
 from garbi_map.view.losses import send_losses
+from garbi_map.view.silence import Silence
 from garbi_map.view.stream import at, name_curves, send_curves
 from garbi_map.view.thin import thinned
 from garbi_map.view.vehicle import draw_profiles, draw_vehicle
@@ -56,6 +57,7 @@ def stream_log(
     for plot in _PLOTS:
         name_curves(recording, plot)
     style_stripe(recording)
+    silence = Silence()
     known: list[str] = []
     drawn = False
     for begin, end in _windows(log):
@@ -66,11 +68,15 @@ def stream_log(
             draw_vehicle(recording, rig, navigation.mount("rig"))
             drawn = True
         _send_navigation(recording, navigation, config, begin, end)
-        _send_camera(recording, log, rig, navigation, config, begin, end, workers)
+        _send_camera(recording, log, rig, navigation, config, begin, end, workers, silence)
+        for stamp_ns, line in silence.gaps(navigation, begin, end):
+            send_losses(recording, [line], stamp_ns)
         new = [line for line in log.losses if line not in known]
         known += new
         send_losses(recording, new, begin)
         yield end
+    for stamp_ns, line in silence.ends(log.end_ns):
+        send_losses(recording, [line], stamp_ns)
 
 
 def _windows(log: Log) -> Iterator[tuple[int, int]]:
@@ -137,12 +143,14 @@ def _send_camera(
     begin: int,
     end: int,
     workers: int,
+    silence: Silence,
 ) -> None:
     """Images as they come, the stripes of all of them at the window's end."""
 
     def images() -> Iterator[Image]:
-        for number, image in enumerate(log.images(begin, end)):
-            if number % config.view.every == 0:
+        for image in log.images(begin, end):
+            silence.image(image.stamp_ns)
+            if (silence.images - 1) % config.view.every == 0:
                 if config.view.images:
                     send_image(recording, image)
                 yield image

@@ -55,7 +55,7 @@ def record_map(path: Path, dive: Dive, store: SweepStore, built: Map, mesh: Mesh
         profiles = sum(entry.profiles for entry in store.entries) // settings.every
         budget = share_out(dive.log.size, size, seconds, len(store), profiles, settings)
         if len(mesh.triangles) > budget.triangles:
-            mesh = triangulate(built.seabed, budget.triangles)
+            mesh = triangulate(built.seabed, budget.triangles, dive.config.export.widest_hole)
         draw_surface(recording, mesh)
         send_sweeps(recording, dive, store, built, budget, shown)
         lost = [*dive.log.losses, *dive.losses]
