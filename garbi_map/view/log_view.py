@@ -13,7 +13,7 @@ from garbi_map.config import Config
 from garbi_map.errors import GarbiError
 from garbi_map.log import Image, Log, Mount, Navigation
 from garbi_map.rig import Rig
-from garbi_map.stripe import Stripe, StripeDetector, detect_all
+from garbi_map.stripe import ImageLosses, Stripe, StripeDetector, detect_all
 from garbi_map.sweep import laser_angle
 from garbi_map.view import style
 from garbi_map.view.about import about_log
@@ -57,6 +57,7 @@ def stream_log(
         name_curves(recording, plot)
     style_stripe(recording)
     known: list[str] = []
+    losses = ImageLosses()
     drawn = False
     for begin, end in _windows(log):
         navigation = log.navigation(
@@ -66,11 +67,14 @@ def stream_log(
             draw_vehicle(recording, rig, navigation.mount("rig"))
             drawn = True
         _send_navigation(recording, navigation, config, begin, end)
-        _send_camera(recording, log, rig, navigation, config, begin, end, workers)
+        _send_camera(recording, log, rig, navigation, config, begin, end, workers, losses)
         new = [line for line in log.losses if line not in known]
         known += new
         send_losses(recording, new, begin)
         yield end
+    for line in losses.lines():
+        log.lose(line)
+    send_losses(recording, losses.lines(), log.end_ns)
 
 
 def _windows(log: Log) -> Iterator[tuple[int, int]]:
@@ -137,6 +141,7 @@ def _send_camera(
     begin: int,
     end: int,
     workers: int,
+    losses: ImageLosses,
 ) -> None:
     """Images as they come, the stripes of all of them at the window's end."""
 
@@ -149,7 +154,7 @@ def _send_camera(
 
     angle = _angle(found, rig, config)
     detector = StripeDetector(config.stripe, rig)
-    stripes = list(detect_all(images(), detector, angle.alpha if angle else None, workers))
+    stripes = list(detect_all(images(), detector, angle.alpha if angle else None, workers, losses))
     recording.reset_time()
     if not stripes:
         return
