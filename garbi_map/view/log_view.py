@@ -39,7 +39,7 @@ _PLOTS = (style.ENCODER, style.STRENGTH, style.ATTITUDE, style.DEPTH, style.VELO
 
 def first_depth(log: Log, config: Config) -> float:
     """Depth, m, at which a log begins; 0 where it does not say."""
-    pressure = log.navigation(log.begin_ns, log.begin_ns + _WINDOW_NS).pressure
+    pressure = log.navigation(log.begin_ns, log.begin_ns + _MARGIN_NS).pressure
     return 0.0 if pressure is None else float(_depth(pressure.pressure[:1], config)[0])
 
 

@@ -71,7 +71,7 @@ def viewer(file: Path | None, web: bool, port: int = WEB_PORT) -> Iterator[Viewe
     command += [str(file)] if file else ["--expect-data-soon"]
     with tempfile.TemporaryFile() as words:
         quiet = {**os.environ, "RERUN_ANALYTICS": "0", "RUST_LOG": "error", "NO_COLOR": "1"}
-        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=words, env=quiet)
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=words, env=quiet, start_new_session=True)
         try:
             yield Viewer(process, proxy, page)
             if process.poll():
