@@ -43,7 +43,7 @@ def record_map(path: Path, dive: Dive, store: SweepStore, built: Map, mesh: Mesh
     settings = dive.config.view
     ours = built.registered.trajectory
     seconds = float(ours.stamp_ns[-1] - ours.stamp_ns[0]) * 1e-9
-    layout = map_blueprint(mesh.vertices, ours.position, seconds / settings.shortest_film)
+    layout = map_blueprint(mesh.vertices, ours.position, seconds / settings.longest_film)
     with recording_file(path, dive.paths[0].stem, layout) as recording:
         recording.log(style.ABOUT, rr.TextDocument(about_map(dive, built), media_type="text/markdown"), static=True)
         draw_vehicle(recording, dive.rig, dive.navigation.mount("rig"))
