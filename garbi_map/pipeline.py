@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from garbi_map.aside import remove_leftovers
 from garbi_map.config import Config
 from garbi_map.errors import GarbiError
 from garbi_map.log import Log, Navigation, open_log
@@ -67,6 +68,7 @@ def build_map(
     started = time.perf_counter()
     dive = open_dive(paths, config, rig_path, span)
     out.mkdir(parents=True, exist_ok=True)
+    remove_leftovers(out)
     work = out / ".work"
 
     with timed(dive, "stripes and sweeps"):

@@ -10,6 +10,13 @@ import sys
 from garbi_map.cli.app import app
 from garbi_map.errors import GarbiError
 
+# numpy reads this when it is first imported. On cores that are shared, two BLAS threads wait for each other a thousand times
+# longer than the small systems of the registration take; one thread also gives the same map on any number of cores
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+
+INTERRUPTED = 130  # the exit status that typer makes of Ctrl-C
+
 
 def main() -> None:
     """Run the command line; a GarbiError becomes one line on stderr and exit status 1.
@@ -22,8 +29,10 @@ def main() -> None:
         app()
     except GarbiError as error:
         _end(str(error), 1)
-    except KeyboardInterrupt:
-        _end("interrupted; run the same command again to go on", 130)
+    except SystemExit as end:
+        if end.code == INTERRUPTED:
+            _end("interrupted; run the same command again to go on", INTERRUPTED)
+        raise
     except MemoryError:
         _end("out of memory; lower registration.drift.window_points or seabed.max_cells in the configuration", 1)
     except OSError as error:

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from garbi_map.aside import write_text
 from garbi_map.sweep.types import Sweep
 
 _ARRAYS = ("stamp_ns", "alpha", "points", "sigma", "intensity", "profile", "row")
@@ -62,9 +63,8 @@ class SweepStore:
         """Writes the catalogue, with what was left out on the way; from now on the store can be opened again."""
         self.losses = losses
         self.folder.mkdir(parents=True, exist_ok=True)
-        aside = self.folder / (_CATALOGUE + ".part")
-        aside.write_text(json.dumps({"sweeps": [asdict(entry) for entry in self.entries], "losses": losses}))
-        aside.rename(self.folder / _CATALOGUE)
+        catalogue = {"sweeps": [asdict(entry) for entry in self.entries], "losses": losses}
+        write_text(self.folder / _CATALOGUE, json.dumps(catalogue))
 
     def load(self, index: int) -> Sweep:
         """One sweep, points as float64."""
