@@ -153,9 +153,13 @@ def _edge(image: Floats, begin: Floats, end: Floats, share: float) -> Floats:
         slope = np.maximum(slope - 0.15 * slope.max(axis=1, keepdims=True), 0.0)
         centre = (slope * (steps[:-1] + 0.25)).sum(axis=1) / np.maximum(slope.sum(axis=1), 1e-9)
         places = places + centre[:, None] * across
-    middle = places.mean(axis=0)
-    direction = np.linalg.svd(places - middle)[2][0]
-    normal = np.array([-direction[1], direction[0]])
+    good = np.ones(len(places), bool)
+    for _ in range(3):  # a place may have found the edge of something else
+        middle = places[good].mean(axis=0)
+        direction = np.linalg.svd(places[good] - middle)[2][0]
+        normal = np.array([-direction[1], direction[0]])
+        off = np.abs((places - middle) @ normal)
+        good = off <= 3.0 * max(float(np.median(off)), 0.02)
     return np.append(normal, -normal @ middle)
 
 
