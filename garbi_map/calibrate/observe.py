@@ -190,7 +190,7 @@ def _one_sweep(
         return
     pose = poses_by(camera, [view], target)
     detector = StripeDetector(stripe)
-    parts = []
+    parts: list[StripePoints] = []
     for stamp, image in _decoded(log, span, size, None):
         alone = image if background is None else _less(image, background)
         alpha = angle.alpha(stamp)
@@ -302,7 +302,7 @@ def _meets(
     reach = ((base - origin) @ normal) / (direction @ normal)
     there = origin + reach[:, None] * direction - base
     xy = np.column_stack([there @ rotation.apply(face.u), there @ rotation.apply(face.v)])
-    return reach, ((xy > -border) & (xy < face.size + border)).all(axis=1)
+    return reach, np.asarray(((xy > -border) & (xy < face.size + border)).all(axis=1))
 
 
 def joined(parts: list[StripePoints]) -> StripePoints:
