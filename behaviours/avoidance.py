@@ -77,6 +77,6 @@ class Avoidance:
         """Back off along the normal as far as surge and heave can, and turn the bow to the clearer side."""
         speed = self.settings.speed
         self._side = situation.clearer_side(self._side)
-        surge, heave = -speed * normal[0], -speed * normal[2]
+        surge, heave = -speed * normal[0], -speed * normal[2] if abs(normal[2]) > 0.6 else 0.0
         yaw = 0.25 * self._side if normal[0] > 0.5 else -0.2 * np.sign(normal[1]) * max(normal[0], 0.0)
         return Command(float(surge), float(heave), float(yaw), 0.0)

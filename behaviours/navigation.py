@@ -99,9 +99,9 @@ class LiveNavigation:
         off = height - self._depth0 - then.position[2]
         if abs(off) > 0.5:  # a glitch, or the sensor came back after a long silence: creep towards it
             off = 0.02 * np.sign(off)
-        self.position = self.position + [0.0, 0.0, DEPTH * off]
+        self.position = self.position + np.array([0.0, 0.0, DEPTH * off])
         if self.confirmed_ns == 0 or stamp_ns - self.confirmed_ns > 1_000_000_000:
-            self.velocity = self.velocity + [0.0, 0.0, DEPTH_SPEED * off]
+            self.velocity = self.velocity + np.array([0.0, 0.0, DEPTH_SPEED * off])
 
     def odometry(self, stamp_ns: int, position: Floats, quaternion: Floats) -> None:
         """Somebody else's pose: position (3,), quaternion (4,) xyzw. Taken as it is."""

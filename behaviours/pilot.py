@@ -16,6 +16,7 @@ from behaviours.safety import SafetyFilter
 from behaviours.settings import BehaviourSettings
 from behaviours.situation import Situation
 from behaviours.space import Space
+from behaviours.stabilisation import Stabilisation
 from behaviours.travel import Travel
 from behaviours.types import Command, Pose, Proposal
 from garbi_map.log.records import Floats, Mount
@@ -48,6 +49,8 @@ class Pilot:
             self.behaviours.append(Avoidance(settings.avoidance, settings.vehicle))
         if settings.travel:
             self.behaviours.append(Travel(settings.travel, settings.vehicle))
+        if settings.hold:
+            self.behaviours.append(Stabilisation(settings.hold, mount.translation))
         self._half = np.array(settings.vehicle.hull) / 2
 
     def decide(self, seen: Seen) -> Decision:

@@ -26,9 +26,11 @@ class Planner:
     def plan(self, space: Space, pose: Pose, goal: Floats) -> Floats | None:
         """Points (n, 3), odom, from the vehicle to the goal or to the cell nearest to it; None: shut in."""
         voxel = space.voxel
-        occupied, unknown = self._layers(space, pose)
+        # A lattice of heights that holds the goal's draws the vehicle back to it.
+        middle = float(goal[2] + LAYER * np.round((pose.position[2] - goal[2]) / LAYER))
+        occupied, unknown = self._layers(space, middle)
         count = occupied.shape[0]
-        heights = pose.position[2] + LAYER * (np.arange(count) - count // 2)
+        heights = middle + LAYER * (np.arange(count) - count // 2)
         keep_off = self._half[1] + 0.38
         cost = np.empty(occupied.shape, np.float32)
         for n in range(count):
@@ -52,7 +54,7 @@ class Planner:
             path[-1, :2] = goal[:2]
         return path
 
-    def _layers(self, space: Space, pose: Pose) -> tuple[np.ndarray, np.ndarray]:
+    def _layers(self, space: Space, height: float) -> tuple[np.ndarray, np.ndarray]:
         """(layers, nx, ny) bool: a hull at that height would touch something occupied; it would touch something unseen."""
         order = [np.mod(np.arange(low, low + n), n) for low, n in zip(space.low, space.shape, strict=True)]
         hits = space.layers[3][np.ix_(*order)] >= space.settings.hits
@@ -65,7 +67,7 @@ class Planner:
         occupied = np.zeros((count, *hits.shape[:2]), bool)
         unknown = np.ones_like(occupied)
         for n in range(count):
-            middle = pose.position[2] + LAYER * (n - count // 2)
+            middle = height + LAYER * (n - count // 2)
             first = int(np.floor((middle - self._half[2] - 0.2) / space.voxel)) - int(space.low[2])
             last = int(np.floor((middle + self._half[2] + 0.2) / space.voxel)) - int(space.low[2])
             if first < 0 or last >= hits.shape[2]:

@@ -31,8 +31,7 @@ class FeedSettings(Settings):
 
     processing: NotNegative = Field(0.02, description="from an image's arrival to its profile, s")
     period: Positive = Field(0.1, description="between decisions, s")
-    rows: int = Field(4, ge=1, description="image rows that share one ray when space is carved")
-    columns: int = Field(12, ge=1, description="image columns between carved rays")
+    carve: float = Field(0.035, gt=0, lt=0.2, description="angle between the rays that carve space, rad")
     encoder_stuck: Positive = Field(0.5, description="encoder without a change for this long is stuck, s")
     encoder_reach: Positive = Field(0.05, description="extrapolation of the laser's angle at most, s")
     min_range: Positive = Field(0.2, description="nearest camera depth that is believed, m")
@@ -43,9 +42,9 @@ class FeedSettings(Settings):
 class ClearWater(Settings):
     """What a row without a stripe proves: free water as far as the faintest surface would have shown."""
 
-    attenuation: Positive = Field(0.35, description="worst beam attenuation of the light that still counts, 1/m")
-    darkest: Share = Field(0.25, description="reflectance of the darkest surface relative to those seen lately")
-    faintest: Positive = Field(10.0, description="grey levels at which a stripe is found for sure")
+    attenuation: Positive = Field(0.3, description="worst beam attenuation of the light that still counts, 1/m")
+    darkest: Share = Field(0.35, description="reflectance of the darkest surface relative to those seen lately")
+    faintest: Positive = Field(8.0, description="grey levels at which a stripe is found for sure")
     believed: Positive = Field(8.0, description="returns prove the water's clarity for this long, s")
     farthest: Positive = Field(2.8, description="never more than this, m along the optical axis")
 
@@ -111,6 +110,7 @@ class TravelSettings(Settings):
     speed: Positive = Field(0.2, description="m/s")
     arrived: Positive = Field(0.35, description="a goal this near is reached, m")
     replan: Positive = Field(1.0, description="between plans, s")
+    patience: Positive = Field(8.0, description="without progress for this long it backs off to look again, s")
     band: Positive = Field(0.9, description="heights above and below the vehicle that are considered, m")
 
 

@@ -62,9 +62,10 @@ class Space:
         self.low = np.zeros(3, np.int64)
         self._start_ns: int | None = None
         self._turn = Rotation.from_quat(mount.quaternion).as_matrix()
-        self._rows = feed.rows * 4
+        self._rows = max(round(feed.carve * rig.camera.alpha_v), 1)
+        columns = max(round(feed.carve * rig.camera.alpha_u), 1)
         v = np.arange(self._rows // 2, rig.camera.height, self._rows)
-        u = np.arange(feed.columns // 2, rig.camera.width, feed.columns)
+        u = np.arange(columns // 2, rig.camera.width, columns)
         uu, vv = np.meshgrid(u, v)
         origins, directions = rig.rays(uu.ravel(), vv.ravel())
         self._origins = np.ascontiguousarray(origins.reshape(len(v), len(u), 3))

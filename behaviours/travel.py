@@ -23,6 +23,8 @@ class Travel:
         self._planned_ns = 0
         self._height: float | None = None
         self.goal = settings.goal
+        self._mark: tuple[int, Floats] | None = None
+        self._astern_until_ns = 0
 
     def propose(self, situation: Situation) -> Proposal:
         """The proposal of this moment."""
@@ -39,6 +41,10 @@ class Travel:
         left = float(np.linalg.norm(goal - pose.position))
         if left < settings.arrived:
             return Proposal(self.name, 1.0, Command(), f"goal reached, {left:.2f} m from it", settings.priority)
+        if self._is_stuck(situation):
+            command = Command(-0.12, float(np.clip(0.3 * (goal[2] - pose.position[2]), -0.08, 0.08)))
+            words = "no progress: backing off to see more"
+            return Proposal(self.name, 1.0, command, words, settings.priority)
         if self._path is None or abs(situation.now_ns - self._planned_ns) >= settings.replan * 1e9:
             self._path = self._planner.plan(situation.space, pose, goal)
             self._planned_ns = situation.now_ns
@@ -47,6 +53,19 @@ class Travel:
             return Proposal(self.name, 1.0, look, "no way to the goal is known: looking about", settings.priority)
         command, words = steer(pose, self._path, settings.speed)
         return Proposal(self.name, 1.0, command, f"goal at {left:.1f} m: {words}", settings.priority)
+
+    def _is_stuck(self, situation: Situation) -> bool:
+        """Whether it is time to back off: what is unseen beside the bow comes into view from farther away."""
+        now, position = situation.now_ns, situation.pose.position
+        if now < self._astern_until_ns:
+            return True
+        if self._mark is None or np.linalg.norm(position - self._mark[1]) > 0.25:
+            self._mark = (now, position.copy())
+        if now - self._mark[0] < self.settings.patience * 1e9:
+            return False
+        self._mark, self._path = None, None
+        self._astern_until_ns = now + 5_000_000_000
+        return True
 
 
 def steer(pose: Pose, path: Floats, speed: float, lookahead: float = 0.9) -> tuple[Command, str]:
