@@ -223,7 +223,7 @@ def _typical(off: NDArray) -> float:
 def _losses(recording: RecordingStream, dive: Dive) -> None:
     import rerun as rr
 
-    lines = [*dive.log.losses, *dive.losses]
+    lines = dive.left_out
     recording.set_time(style.TIMELINE, timestamp=np.datetime64(dive.log.begin_ns, "ns"))
     for line in lines or ["nothing was left out"]:
         recording.log(style.LOSSES, rr.TextLog(line, level="WARN" if lines else "INFO"))
