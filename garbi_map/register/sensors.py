@@ -54,9 +54,8 @@ class Sensors:
 
     @property
     def prior_attitude(self) -> PriorAttitude:
-        """The gyro's attitude where there is one: its short-term shape is better than any filter's; else the filter's."""
-        source = self.gyro or self.trajectory
-        return PriorAttitude(self.seconds(source.stamp_ns), source.quaternion)
+        """The navigation filter's, whose short-term shape is the gyro's."""
+        return PriorAttitude(self.seconds(self.trajectory.stamp_ns), self.trajectory.quaternion)
 
     @property
     def attitude_known(self) -> bool:

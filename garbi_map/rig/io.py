@@ -16,6 +16,7 @@ from garbi_map.rig.camera import Camera
 from garbi_map.rig.laser import Laser
 from garbi_map.rig.port import Port
 from garbi_map.rig.rig import Rig
+from garbi_map.rig.window import KINDS, LaserWindow
 
 TILT = math.radians(45.0)  # a rig beyond this has its angles in degrees, or is another kind of scanner
 UNIT = 1e-3  # how far from length one a direction may be written
@@ -33,18 +34,24 @@ def load_rig(path: Path) -> Rig:
 
 def parse_rig(text: str, where: str) -> Rig:
     """The rig of a YAML text; `where` names it in errors. Raises GarbiError for what is missing or absurd."""
+    top = _document(text, where)
+    rig = Rig(_camera(top.section("camera")), _laser(top.section("laser")), copy.deepcopy(top.values))
+    if np.linalg.norm(rig.laser.apex - rig.camera.centre) < 1e-3:
+        top.section("laser").fail("x", "a laser (x, y, z) that is not where the camera is: no baseline, no range")
+    return rig
+
+
+def parse_camera(text: str, where: str) -> Camera:
+    """The camera of a rig file whose laser may be missing yet. Raises GarbiError for what is missing or absurd."""
+    return _camera(_document(text, where).section("camera"))
+
+
+def _document(text: str, where: str) -> _Section:
     try:
         document = yaml.safe_load(text)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise GarbiError(f"{where}: not YAML: {' '.join(str(error).split())}") from error
-    top = _Section(where, "", document)
-    rig = Rig(_camera(top.section("camera")), _laser(top.section("laser")), copy.deepcopy(document))
-    corner_u, corner_v = np.meshgrid([0.0, rig.camera.width - 1.0], [0.0, rig.camera.height - 1.0])
-    if not np.isfinite(rig.camera.rays(corner_u.ravel(), corner_v.ravel())[1]).all():
-        top.section("camera").fail("distortion", "coefficients that can be inverted over the whole image")
-    if np.linalg.norm(rig.laser.apex - rig.camera.centre) < 1e-3:
-        top.section("laser").fail("x", "a laser (x, y, z) that is not where the camera is: no baseline, no range")
-    return rig
+    return _Section(where, "", document)
 
 
 def dump_rig(rig: Rig) -> str:
@@ -74,8 +81,10 @@ def dump_rig(rig: Rig) -> str:
         }
     if laser.fixed_angle is not None:
         known["laser"]["fixed_angle"] = laser.fixed_angle
+    if laser.window is not None:
+        known["laser"]["window"] = _plain_window(laser.window)
     extra = copy.deepcopy(dict(rig.extra))
-    for section, optional in (("camera", "port"), ("laser", "fixed_angle")):
+    for section, optional in (("camera", "port"), ("laser", "fixed_angle"), ("laser", "window")):
         if optional not in known[section] and section in extra:
             extra[section].pop(optional, None)
     return yaml.safe_dump(_over(known, extra), sort_keys=False)
@@ -96,7 +105,7 @@ def _camera(section: _Section) -> Camera:
     lens = section.section("intrinsics")
     pose = section.section("pose_in_rig")
     coefficients = section.numbers("distortion", 5, -100.0, 100.0, "k1 k2 p1 p2 k3")
-    return Camera(
+    camera = Camera(
         frame_id=section.text("frame_id"),
         width=width,
         height=height,
@@ -109,6 +118,10 @@ def _camera(section: _Section) -> Camera:
         quaternion=pose.unit("quaternion_xyzw", 4),  # type: ignore[arg-type]
         port=_port(section.section("port")) if section.has("port") else None,
     )
+    corner_u, corner_v = np.meshgrid([0.0, width - 1.0], [0.0, height - 1.0])
+    if not np.isfinite(camera.rays(corner_u.ravel(), corner_v.ravel())[1]).all():
+        section.fail("distortion", "coefficients that can be inverted over the whole image")
+    return camera
 
 
 def _port(section: _Section) -> Port:
@@ -137,7 +150,30 @@ def _laser(section: _Section) -> Laser:
         beta=section.number("beta", -TILT, TILT, "radians, at most 45 degrees"),
         joint=section.text("joint"),
         fixed_angle=section.number("fixed_angle", -turn, turn, "radians") if section.has("fixed_angle") else None,
+        window=_laser_window(section.section("window")) if section.has("window") else None,
     )
+
+
+def _laser_window(section: _Section) -> LaserWindow:
+    kind = section.text("kind")
+    if kind not in KINDS:
+        section.fail("kind", f"one of {', '.join(KINDS)}")
+    normal = (1.0, 0.0, 0.0) if kind == "cylinder" else section.unit("normal", 3)
+    if normal[0] < 0.2:
+        section.fail("normal", "a direction out of the housing, along the light (first number positive)")
+    return LaserWindow(
+        kind=kind,  # type: ignore[arg-type]
+        normal=normal,  # type: ignore[arg-type]
+        distance=section.number("distance", 1e-4, 1.0, "metres from the apex to the inner face, positive"),
+        thickness=section.number("thickness", 0.0, 0.5, "metres"),
+        index_glass=section.number("index_glass", 1.0, 3.0, "a refractive index"),
+        index_water=section.number("index_water", 1.0, 2.0, "a refractive index"),
+    )
+
+
+def _plain_window(window: LaserWindow) -> dict[str, Any]:
+    entries = {key: getattr(window, key) for key in ("kind", "distance", "thickness", "index_glass", "index_water")}
+    return entries if window.kind == "cylinder" else entries | {"normal": list(window.normal)}
 
 
 class _Section:

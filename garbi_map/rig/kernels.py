@@ -251,6 +251,35 @@ def triangulate(
     return points, by_u, by_alpha
 
 
+@njit(cache=True, nogil=True, inline="always")
+def _hull(column, inverse_depth, nearest, farthest):  # type: ignore[no-untyped-def]
+    """First and last column of one row where inverse depth (k,), linear between columns (k,), is between the two."""
+    k = column.size
+    first, last = column[-1] + 1.0, -1.0
+    for j in range(1, k):
+        before, now = inverse_depth[j - 1], inverse_depth[j]
+        low, high = min(before, now), max(before, now)
+        if not math.isnan(before + now) and high >= farthest and low <= nearest:
+            rise = now - before
+            enter, leave = 0.0, 1.0
+            if rise != 0.0:
+                t0, t1 = (farthest - before) / rise, (nearest - before) / rise
+                enter, leave = max(0.0, min(t0, t1)), min(1.0, max(t0, t1))
+            width = column[j] - column[j - 1]
+            first = min(first, column[j - 1] + enter * width)
+            last = max(last, column[j - 1] + leave * width)
+    return first, last
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def hulls(column: Floats, inverse_depth: Floats, nearest: float, farthest: float) -> tuple[Floats, Floats]:
+    """inverse_depth_window of inverse depths (height, k) that are known already; NaN where there is no sheet."""
+    first, last = np.empty(len(inverse_depth)), np.empty(len(inverse_depth))
+    for row in range(len(inverse_depth)):
+        first[row], last[row] = _hull(column, inverse_depth[row], nearest, farthest)
+    return first, last
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def inverse_depth_window(
     normal: Floats, to_apex: Floats, column: Floats, rays: Floats, nearest: float, farthest: float
@@ -276,16 +305,5 @@ def inverse_depth_window(
             across = normal[0] * ray[3, j] + normal[1] * ray[4, j] + normal[2] * ray[5, j]
             gap = offset - (normal[0] * ray[0, j] + normal[1] * ray[1, j] + normal[2] * ray[2, j])
             inverse_depth[j] = across / (gap + ray[2, j] * across)
-        for j in range(1, k):
-            before, now = inverse_depth[j - 1], inverse_depth[j]
-            low, high = min(before, now), max(before, now)
-            if not math.isnan(before + now) and high >= farthest and low <= nearest:
-                rise = now - before
-                enter, leave = 0.0, 1.0
-                if rise != 0.0:
-                    t0, t1 = (farthest - before) / rise, (nearest - before) / rise
-                    enter, leave = max(0.0, min(t0, t1)), min(1.0, max(t0, t1))
-                width = column[j] - column[j - 1]
-                first[row] = min(first[row], column[j - 1] + enter * width)
-                last[row] = max(last[row], column[j - 1] + leave * width)
+        first[row], last[row] = _hull(column, inverse_depth, nearest, farthest)
     return first, last

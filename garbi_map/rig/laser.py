@@ -10,6 +10,8 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from garbi_map.log.records import Floats
+from garbi_map.rig import window_kernels
+from garbi_map.rig.window import LaserWindow
 
 
 @dataclass(frozen=True)
@@ -21,6 +23,7 @@ class Laser:
     theta, gamma  tilt of the axis about X and Y, rad
     beta          angle between the sheet and the axis, rad
     fixed_angle   alpha of a scanner without a motor, rad
+    window        what the sheet is refracted by; None: it stays a plane
     """
 
     x: float
@@ -32,6 +35,7 @@ class Laser:
     beta: float
     joint: str = "laser_joint"
     fixed_angle: float | None = None
+    window: LaserWindow | None = None
 
     @cached_property
     def apex(self) -> Floats:
@@ -43,8 +47,21 @@ class Laser:
         """(3, 3) Ry(gamma) Rx(theta): its last column is the axis of rotation."""
         return np.ascontiguousarray(Rotation.from_euler("YX", [self.gamma, self.theta]).as_matrix())
 
+    @cached_property
+    def glass(self) -> Floats:
+        """(8,) window as the kernels take it, (0,) without one."""
+        return np.empty(0) if self.window is None else self.window.parameters
+
+    def off_sheet(self, points: Floats, alpha: ArrayLike) -> Floats:
+        """Sine (n,) of the angle, in air at the apex, by which points (n, 3) m, rig frame, miss the sheets.
+
+        alpha: (n,) rad, or one for all. NaN for points inside the window."""
+        points = np.ascontiguousarray(points, float).reshape(-1, 3)
+        angle = np.ascontiguousarray(np.broadcast_to(np.asarray(alpha, float), len(points)))
+        return window_kernels.off_sheet(points, angle, self.delta, self.beta, self.axis, self.apex, self.glass)
+
     def sheet(self, alpha: ArrayLike) -> Floats:
-        """Unit normals (m, 3), rig frame, of the sheets through the apex at encoder angles alpha (m,) rad.
+        """Unit normals (m, 3), rig frame, of the sheets through the apex at angles alpha (m,) rad, before a window.
 
         Ry(gamma) Rx(theta) Rz(delta + alpha) Rx(-beta) [0, 1, 0]', the paper's equation (4) where theta = gamma = 0.
         """

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from garbi_map.log.records import Floats
-from garbi_map.rig import kernels
+from garbi_map.rig import kernels, window_kernels
 from garbi_map.rig.camera import Camera, same_length
 from garbi_map.rig.laser import Laser
 
@@ -61,21 +61,11 @@ class Rig:
         """Where the rays of pixels u, v (n,) meet the sheets at alpha (n,) rad, or one alpha for all."""
         columns, rows, angles = same_length(u, v, alpha)
         camera, laser = self.camera, self.laser
-        return Triangulated(
-            *kernels.triangulate(
-                columns,
-                rows,
-                angles,
-                camera.lens,
-                camera.window,
-                camera.rotation,
-                camera.centre,
-                laser.delta,
-                laser.beta,
-                laser.axis,
-                laser.apex,
-            )
-        )
+        view = (columns, rows, angles, camera.lens, camera.window, camera.rotation, camera.centre)
+        sheet = (laser.delta, laser.beta, laser.axis, laser.apex)
+        if laser.window is None:
+            return Triangulated(*kernels.triangulate(*view, *sheet))
+        return Triangulated(*window_kernels.triangulate(*view, *sheet, laser.glass))
 
     def column_window(self, alpha: float, min_range: float, max_range: float) -> tuple[Floats, Floats]:
         """Where in the image the stripe can be: first and last column (height,) px of each row, float, in the image.
@@ -87,6 +77,8 @@ class Rig:
         height, width = self.camera.height, self.camera.width
         if np.isnan(alpha):
             return np.zeros(height), np.full(height, width - 1.0)
+        if self.laser.window is not None:
+            return self._refracted_window(alpha, min_range, max_range)
         rotation = self.camera.rotation
         columns, rays = self._window_rays
         return kernels.inverse_depth_window(
@@ -97,6 +89,18 @@ class Rig:
             1.0 / min_range,
             1.0 / max_range,
         )
+
+    def _refracted_window(self, alpha: float, min_range: float, max_range: float) -> tuple[Floats, Floats]:
+        """column_window behind a laser window: where the sheet's light at the two depths is seen, row by row."""
+        height, width = self.camera.height, self.camera.width
+        rows = np.unique(np.append(np.arange(0, height, WINDOW_STRIDE), height - 1))
+        columns = np.linspace(0.0, width - 1.0, 4 * -(-(width - 1) // WINDOW_STRIDE) + 1)
+        u, v = np.meshgrid(columns, rows.astype(float))
+        inverse = 1.0 / self.depth(self.triangulate(u.ravel(), v.ravel(), alpha).points).reshape(u.shape)
+        after = np.clip(np.searchsorted(rows, np.arange(height)), 1, len(rows) - 1)
+        share = ((np.arange(height) - rows[after - 1]) / (rows[after] - rows[after - 1]))[:, None]
+        between = (1.0 - share) * inverse[after - 1] + share * inverse[after]
+        return kernels.hulls(columns, between, 1.0 / min_range, 1.0 / max_range)
 
     @cached_property
     def _window_rays(self) -> tuple[Floats, Floats]:

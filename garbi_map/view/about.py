@@ -2,34 +2,50 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from garbi_map.view import style
 
 if TYPE_CHECKING:
+    from garbi_map.log import Log
     from garbi_map.pipeline import Dive, Map
 
 
 def about_map(dive: Dive, built: Map) -> str:
-    """Markdown: what the screen shows and what the map is worth."""
+    """Markdown: what the map is worth, and what the screen shows."""
     before, after = built.registered.disagreement
-    seabed = built.seabed
-    shown = (style.ROUTE, style.ROUTE_NAVIGATION, style.POSE_SIGMA, style.PROFILE, style.STRIPE)
-    legend = "\n".join(f"- **{thing.name}**: {thing.meaning}" for thing in shown)
-    tabs = "\n".join(f"- **{thing.name}**: {thing.meaning}" for thing in style.COLOURINGS)
     seconds = (dive.log.end_ns - dive.log.begin_ns) * 1e-9
-    return f"""# {dive.paths[0].stem}
+    colours = "; ".join(f"*{one.name}*: {one.meaning}" for one in style.COLOURINGS)
+    things = (style.ROUTE, style.ROUTE_NAVIGATION, style.PROFILE, style.SHEET, style.STRIPE, style.POSE_SIGMA)
+    return f"""\
+**{built.seabed.area:.1f} m² of seabed in {seconds:.0f} s.** Where sweeps of the laser overlap they lie
+**{1e3 * after:.2f} mm** apart; with the navigation sensors alone it would be {1e3 * before:.1f} mm.
+{built.registered.loops} loop closures.
 
-An underwater vehicle turns a laser sheet over the seabed and sees with a camera where it falls. Press play: the map grows
-as the vehicle moves. **{seabed.area:.1f} m²** in {seconds:.0f} s, {built.registered.loops} loop closures;
-overlapping sweeps lie **{1e3 * after:.2f} mm** apart, {1e3 * before:.1f} mm with navigation alone.
+An underwater vehicle swings a sheet of laser light over the seabed, and its camera sees where the light falls.
+Press play, or drag the time below: the map grows as the vehicle scans. {_legend(things)}
 
-{legend}
+The tabs over the map: {colours}; *Surface*: {style.MESH.meaning}.
 
-The tabs over the map colour it:
-
-{tabs}
-- **Surface**: {style.MESH.meaning}
-
-*Drift found* is this trajectory minus that of navigation alone. *Residual* is how far each sweep lies from the finished map.
+The tabs of curves: *Drift* is this path minus that of navigation alone; *Residual* is how far each sweep lies from the
+finished map, and below how near matching surfaces came to each other in each round of the estimate.
 """
+
+
+def about_log(log: Log) -> str:
+    """Markdown: what the screen shows of a log."""
+    seconds = (log.end_ns - log.begin_ns) * 1e-9
+    topics = "\n".join(f"| {name} | {topic.count} |" for name, topic in sorted(log.topics.items()))
+    return f"""\
+**{seconds:.0f} s of recording, as it was recorded:** nothing is corrected, and the vehicle only turns and dives.
+{_legend((style.PROFILE, style.SHEET, style.STRIPE))} `garbi map` makes the seabed map of it.
+
+| topic | messages |
+| --- | --- |
+{topics}
+"""
+
+
+def _legend(things: Iterable[style.Thing]) -> str:
+    return "; ".join(f"**{thing.name}**: {thing.meaning}" for thing in things) + "."

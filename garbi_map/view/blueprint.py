@@ -1,87 +1,150 @@
-"""How the screen is laid out: the map first, the camera and the curves beside it, words last."""
+"""How the screen is laid out: the scene first, the camera and the curves beside it, words below."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from garbi_map.view import style
-from garbi_map.view.style import TIMELINE, Thing
 
 if TYPE_CHECKING:
-    from rerun.blueprint import Blueprint, Spatial3DView
+    from collections.abc import Mapping
 
-BACKGROUND = (14, 20, 28)
-_EVERYWHERE = [f"+ /{style.WORLD}/**", f"- /{style.IMAGE}/**"]
+    from rerun.blueprint import Blueprint, EyeControls3D, View
+    from rerun.encodings import EntityPathLike
+
+SURFACE = "Surface"
+_FROM = np.array([-0.42, -0.58, 0.46])
+"""Where the first look comes from, in sizes of the scene: astern, from starboard, above."""
+_LATELY = 4.0
+"""s of profiles that are seen at once in a log."""
 
 
-def map_blueprint(centre: np.ndarray, extent: float) -> Blueprint:
-    """The layout of a map's recording; centre (3,) m and extent m of the seabed, for the first look at it."""
+def map_blueprint(seabed: NDArray, route: NDArray, speed: float) -> Blueprint:
+    """The layout of a map's recording.
+
+    seabed (n, 3) and route (m, 3), m: what the first look must hold; speed: how many times faster than it was recorded
+    it plays, at least 1.
+    """
     import rerun.blueprint as rrb
 
-    def seen(name: str, shown: Thing) -> Spatial3DView:
-        others = [thing for thing in (*style.COLOURINGS, style.MESH) if thing is not shown]
-        return rrb.Spatial3DView(
-            origin=style.WORLD,
-            name=name,
-            contents=[*_EVERYWHERE, *(f"- /{thing.path}/**" for thing in others)],
-            background=BACKGROUND,
-            line_grid=False,
-            overrides=_growing([shown.path] if shown is not style.MESH else []),
-            eye_controls=rrb.EyeControls3D(
-                position=centre + extent * np.array([-0.45, -0.75, 0.75]), look_target=centre, eye_up=(0, 0, 1)
-            ),
-        )
-
-    camera = rrb.Spatial2DView(origin=style.IMAGE, name="Camera and stripe", background=BACKGROUND)
+    eye = _first_look(seabed, route)
+    scenes = [_coloured(colouring, eye) for colouring in style.COLOURINGS]
+    hidden = [style.POINTS, style.PROFILE, style.SHEET, style.POSE_SIGMA]
+    scenes.append(_scene(SURFACE, [f"- /{thing.path}" for thing in hidden], eye, {}))
     curves = rrb.Tabs(
+        rrb.Vertical(_plot(style.DRIFT_POSITION), _plot(style.DRIFT_ATTITUDE), name="Drift"),
         rrb.Vertical(
-            _plot(style.DRIFT_POSITION, "Drift found, mm"),
-            _plot(style.DRIFT_ATTITUDE, "Drift found, degrees"),
-            name="Drift",
-        ),
-        rrb.Vertical(
-            _plot(style.MISFIT, "Sweep to map, mm"),
-            rrb.BarChartView(origin=style.ROUNDS, name="Rounds"),
+            _plot(style.MISFIT),
+            rrb.BarChartView(origin=style.ROUNDS, name="Distance of matches by round, mm", plot_legend=_no_legend()),
             name="Residual",
         ),
-        rrb.Vertical(
-            _plot(style.ENCODER, "Laser angle, degrees"),
-            _plot(style.DEPTH, "Depth, m"),
-            _plot(style.SPEED, "Speed, m/s"),
-            name="Vehicle",
-        ),
-        name="Curves",
+        rrb.Vertical(_plot(style.ENCODER), _plot(style.DEPTH), _plot(style.SPEED), name="Vehicle"),
     )
+    return _screen(rrb.Tabs(*scenes), curves, speed)
+
+
+def log_blueprint(depth: float) -> Blueprint:
+    """The layout of a log as it was recorded; depth m at which the vehicle is first seen."""
+    import rerun.blueprint as rrb
+
+    target = np.array([0.3, 0.0, -depth - 0.7])
+    eye = rrb.EyeControls3D(position=target + 3.4 * _FROM, look_target=target, eye_up=(0, 0, 1))
+    lately = rrb.VisibleTimeRange(
+        style.TIMELINE,
+        start=rrb.TimeRangeBoundary.cursor_relative(seconds=-_LATELY),
+        end=rrb.TimeRangeBoundary.cursor_relative(),
+    )
+    scene = _scene("Vehicle", [], eye, {f"/{style.PROFILE.path}": rrb.VisibleTimeRanges([lately])})
+    curves = rrb.Tabs(
+        rrb.Vertical(_plot(style.ENCODER), _plot(style.STRENGTH), name="Scanner"),
+        rrb.Vertical(_plot(style.ATTITUDE), _plot(style.DEPTH), _plot(style.VELOCITY), name="Vehicle"),
+    )
+    return _screen(rrb.Tabs(scene), curves, 1.0)
+
+
+def _screen(scene: Any, curves: Any, speed: float) -> Blueprint:
+    import rerun.blueprint as rrb
+
+    camera = rrb.Spatial2DView(origin=style.IMAGE, name="Camera, with the stripe as found", background=style.BACKGROUND)
     words = rrb.Tabs(
-        rrb.TextDocumentView(origin=style.ABOUT, name="What is this"),
+        rrb.TextDocumentView(origin=style.ABOUT, name="What is this?"),
         rrb.TextLogView(origin=style.LOSSES, name="Left out"),
-        name="Words",
     )
-    scenes = rrb.Tabs(*(seen(thing.name, thing) for thing in style.COLOURINGS), seen("Surface", style.MESH), name="Map")
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Vertical(scenes, words, row_shares=[3, 1]), rrb.Vertical(camera, curves, row_shares=[1, 1]),
-            column_shares=[2, 1],
+            rrb.Vertical(scene, words, row_shares=[0.74, 0.26]),
+            rrb.Vertical(camera, curves, row_shares=[0.5, 0.5]),
+            column_shares=[0.66, 0.34],
         ),
-        rrb.TimePanel(state="collapsed", timeline=TIMELINE),
+        rrb.TimePanel(
+            state="collapsed",
+            timeline=style.TIMELINE,
+            playback_speed=max(speed, 1.0),
+            play_state="playing",
+        ),
         rrb.SelectionPanel(state="hidden"),
         rrb.BlueprintPanel(state="hidden"),
-    )  # fmt: skip
-
-
-def _plot(path: str, name: str) -> Any:
-    import rerun.blueprint as rrb
-
-    return rrb.TimeSeriesView(origin=path, name=name, plot_legend=rrb.Corner2D.RightTop)
-
-
-def _growing(paths: list[str]) -> dict[str, Any]:
-    """Entities of which everything up to the cursor is shown, not only the last."""
-    import rerun.blueprint as rrb
-
-    until_now = rrb.VisibleTimeRange(
-        TIMELINE, start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.cursor_relative()
     )
-    return {f"/{path}": rrb.VisibleTimeRanges([until_now]) for path in paths}
+
+
+def _coloured(colouring: style.Colouring, eye: EyeControls3D) -> View:
+    import rerun as rr
+    from rerun.blueprint.encodings import ComponentSourceKind, VisualizerComponentMapping
+
+    source = VisualizerComponentMapping(
+        "Points3D:colors", ComponentSourceKind.SourceComponent, source_component=colouring.component
+    )
+    shown = [rr.Points3D.from_fields().visualizer(mappings=[source]), _until_now()]
+    hidden = [style.MESH] if colouring.name == "Uncertainty" else [style.MESH, style.POSE_SIGMA]
+    return _scene(colouring.name, [f"- /{thing.path}" for thing in hidden], eye, {f"/{style.POINTS.path}": shown})
+
+
+def _scene(name: str, without: list[str], eye: EyeControls3D, overrides: Mapping[EntityPathLike, Any]) -> View:
+    import rerun.blueprint as rrb
+
+    return rrb.Spatial3DView(
+        origin=style.WORLD,
+        name=name,
+        contents=[f"+ /{style.WORLD}/**", f"- /{style.STRIPE.path}", *without],
+        background=style.BACKGROUND,
+        line_grid=False,
+        overrides=overrides,
+        eye_controls=eye,
+    )
+
+
+def _first_look(seabed: NDArray, route: NDArray) -> EyeControls3D:
+    import rerun.blueprint as rrb
+
+    low = np.minimum(seabed.min(axis=0), route.min(axis=0))
+    high = np.maximum(seabed.max(axis=0), route.max(axis=0))
+    target = (low + high) / 2
+    return rrb.EyeControls3D(
+        position=target + float(np.linalg.norm(high - low)) * _FROM, look_target=target, eye_up=(0, 0, 1)
+    )
+
+
+def _plot(plot: style.Plot) -> View:
+    import rerun.blueprint as rrb
+
+    legend = rrb.PlotLegend(corner=rrb.Corner2D.LeftTop, visible=len(plot.curves) > 1)
+    return rrb.TimeSeriesView(origin=plot.path, name=plot.title, plot_legend=legend)
+
+
+def _no_legend() -> Any:
+    import rerun.blueprint as rrb
+
+    return rrb.PlotLegend(visible=False)
+
+
+def _until_now() -> Any:
+    """Everything up to the cursor is shown, not only the last."""
+    import rerun.blueprint as rrb
+
+    span = rrb.VisibleTimeRange(
+        style.TIMELINE, start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.cursor_relative()
+    )
+    return rrb.VisibleTimeRanges([span])

@@ -1,7 +1,8 @@
-"""The points of the sweeps as the map grows: thinned, placed and coloured."""
+"""Colours of the growing map, and how far its points lie from the finished one."""
 
 from __future__ import annotations
 
+import colorsys
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,15 +10,19 @@ from numpy.typing import NDArray
 
 from garbi_map.export.palette import depth_colours, height_range
 from garbi_map.seabed import Seabed
-from garbi_map.view import style
 
-_HEAT = np.array([[20, 24, 60], [70, 40, 120], [160, 50, 100], [225, 90, 60], [250, 170, 50], [250, 240, 160]], float)
-_GOLDEN = 0.61803398875
+_HEAT = np.array([[24, 30, 74], [78, 44, 124], [168, 54, 104], [228, 94, 62], [250, 172, 52], [250, 242, 164]], float)
+_GOLDEN = 0.61803398875  # of a turn in hue between neighbouring numbers: none of the next dozen looks the same
 
 
 @dataclass(frozen=True)
-class Lookup:
-    """The finished grid under points: what the colours and residuals of a growing map are made with."""
+class FinishedMap:
+    """The finished grid to look points up in; the ramps of colour span all but its outermost cells.
+
+    depths      what the depth ramp spans, `map` z, m
+    weakest     1 sigma at the bright end of the uncertainty ramp, m
+    brightest   intensity that is drawn white, 0..255
+    """
 
     seabed: Seabed
     depths: tuple[float, float]
@@ -25,12 +30,15 @@ class Lookup:
     brightest: float
 
     @classmethod
-    def of(cls, seabed: Seabed) -> Lookup:
-        """The ramps span all but the outermost cells."""
+    def of(cls, seabed: Seabed) -> FinishedMap:
+        """Raises GarbiError nowhere: a seabed holds at least one cell."""
         known = seabed.known
-        weakest = float(np.percentile(seabed.uncertainty[known], 98)) if known.any() else 1.0
-        brightest = float(np.percentile(seabed.intensity[known], 98)) if known.any() else 255.0
-        return cls(seabed, height_range(seabed.elevation), max(weakest, 1e-6), max(brightest, 1.0))
+        return cls(
+            seabed,
+            height_range(seabed.elevation),
+            max(float(np.percentile(seabed.uncertainty[known], 98)), 1e-6),
+            max(float(np.percentile(seabed.intensity[known], 98)), 1.0),
+        )
 
     def cells(self, points: NDArray) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
         """Flat cell (n,) of points (n, 3), and whether it holds a measurement (n,)."""
@@ -46,7 +54,7 @@ class Lookup:
         flat, known = self.cells(points)
         return np.where(known, points[:, 2] - self.seabed.elevation.ravel()[flat], np.nan)
 
-    def on_surface(self, points: NDArray, band: float) -> NDArray[np.bool_]:
+    def belongs(self, points: NDArray, band: float) -> NDArray[np.bool_]:
         """Which points (n,) lie within `band` m and four standard deviations of the finished surface."""
         flat, known = self.cells(points)
         spread = np.nan_to_num(self.seabed.standard_deviation.ravel()[flat])
@@ -54,42 +62,30 @@ class Lookup:
         return known & (off < band + 4.0 * spread)
 
     def colours(self, points: NDArray, intensity: NDArray, sweep: int) -> dict[str, NDArray[np.uint32]]:
-        """Packed colours (n,) by entity path, one for each way of colouring."""
+        """Packed colours (n,) of points of a sweep, by the name of the colouring."""
         flat, _ = self.cells(points)
-        grey = np.clip(intensity / self.brightest, 0.05, 1.0)[:, None] * 255.0
+        grey = np.clip(intensity / self.brightest, 0.06, 1.0)[:, None] * 255.0
         return {
-            style.BY_DEPTH.path: packed(depth_colours(points[:, 2], *self.depths)),
-            style.BY_INTENSITY.path: packed(np.repeat(grey, 3, axis=1)),
-            style.BY_UNCERTAINTY.path: packed(heat(self.seabed.uncertainty.ravel()[flat] / self.weakest)),
-            style.BY_SWEEP.path: packed(np.tile(sweep_colour(sweep), (len(points), 1))),
+            "Depth": packed(depth_colours(points[:, 2], *self.depths)),
+            "Intensity": packed(np.repeat(grey, 3, axis=1)),
+            "Uncertainty": packed(heat(self.seabed.uncertainty.ravel()[flat] / self.weakest)),
+            "Sweep": packed(np.tile(hue(sweep), (len(points), 1))),
         }
 
 
 def heat(share: NDArray) -> NDArray[np.uint8]:
-    """sRGB (n, 3) of shares (n,), 0 dark to 1 bright."""
+    """sRGB (n, 3) of shares (n,), 0 dark to 1 bright; NaN is bright."""
     place = np.clip(np.nan_to_num(share, nan=1.0), 0.0, 1.0) * (len(_HEAT) - 1)
-    return np.stack([np.interp(place, np.arange(len(_HEAT)), _HEAT[:, k]) for k in range(3)], -1).astype(np.uint8)
+    steps = np.arange(len(_HEAT))
+    return np.stack([np.interp(place, steps, _HEAT[:, k]) for k in range(3)], -1).round().astype(np.uint8)
 
 
-def sweep_colour(number: int) -> NDArray[np.uint8]:
-    """sRGB (3,); neighbouring numbers are far apart in hue."""
-    import colorsys
-
-    return (np.array(colorsys.hsv_to_rgb((number * _GOLDEN) % 1.0, 0.55, 0.95)) * 255).astype(np.uint8)
+def hue(number: int) -> NDArray[np.uint8]:
+    """sRGB (3,) of a number; neighbouring numbers are far apart."""
+    return np.round(np.array(colorsys.hsv_to_rgb(number * _GOLDEN % 1.0, 0.55, 0.95)) * 255).astype(np.uint8)
 
 
 def packed(colours: NDArray) -> NDArray[np.uint32]:
     """sRGB (n, 3) as 0xRRGGBBAA (n,)."""
-    parts = np.asarray(colours).astype(np.uint32)
-    return (parts[:, 0] << 24) | (parts[:, 1] << 16) | (parts[:, 2] << 8) | np.uint32(255)
-
-
-def thinned(count: int, most: int) -> NDArray[np.int64]:
-    """At most `most` of the indices 0 .. count - 1, evenly spread."""
-    return np.arange(count) if count <= most else np.linspace(0, count - 1, most).astype(np.int64)
-
-
-def runs(groups: NDArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """First index and length of each run of equal values in an ordered array."""
-    first = np.flatnonzero(np.r_[True, groups[1:] != groups[:-1]]) if len(groups) else np.empty(0, np.int64)
-    return first, np.diff(np.r_[first, len(groups)])
+    red, green, blue = np.asarray(colours).astype(np.uint32).T
+    return (red << 24) | (green << 16) | (blue << 8) | np.uint32(255)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+import uuid
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from garbi_map.export import written_aside
-from garbi_map.view.style import APPLICATION, TIMELINE, Colour
+from garbi_map.view.style import APPLICATION, TIMELINE, Plot
 
 if TYPE_CHECKING:
     from rerun import RecordingStream
@@ -20,10 +21,8 @@ if TYPE_CHECKING:
 
 
 def new_recording(name: str) -> RecordingStream:
-    """A recording that nobody listens to yet; only stamps are its time."""
+    """A recording that nobody listens to yet; stamps are its only time."""
     os.environ.setdefault("RERUN_ANALYTICS", "0")
-    import uuid
-
     import rerun as rr
 
     recording = rr.RecordingStream(APPLICATION, recording_id=uuid.uuid4())
@@ -54,15 +53,25 @@ def at(stamp_ns: ArrayLike) -> list[Any]:
     return [rr.TimeColumn(TIMELINE, timestamp=np.asarray(stamp_ns, np.int64).astype("datetime64[ns]"))]
 
 
-def send_curves(
-    recording: RecordingStream, path: str, stamp_ns: NDArray[np.int64], curves: Sequence[tuple[str, Colour, NDArray]]
-) -> None:
-    """Curves (name with unit, colour, values (n,)) that share their stamps (n,), in one plot."""
+def set_time(recording: RecordingStream, stamp_ns: int) -> None:
+    """What is logged from now on happened then."""
+    recording.set_time(TIMELINE, timestamp=np.datetime64(stamp_ns, "ns"))
+
+
+def name_curves(recording: RecordingStream, plot: Plot) -> None:
+    """Names and colours of a plot's curves."""
     import rerun as rr
 
-    names, colours, values = zip(*curves, strict=True)
-    table = np.stack(values, axis=1).astype(np.float64)
-    style = rr.SeriesLines(names=list(names), colors=[list(colour) for colour in colours], widths=[1.5] * len(names))
-    recording.log(path, style, static=True)
-    rows = rr.Scalars.columns(scalars=table.ravel()).partition([table.shape[1]] * len(table))
-    recording.send_columns(path, at(stamp_ns), rows)
+    names, colours = zip(*plot.curves, strict=True)
+    lines = rr.SeriesLines(names=list(names), colors=[list(colour) for colour in colours], widths=[1.5] * len(names))
+    recording.log(plot.path, lines, static=True)
+
+
+def send_curves(recording: RecordingStream, plot: Plot, stamp_ns: NDArray[np.int64], values: ArrayLike) -> None:
+    """The values (n,) or (n, curves) of a plot at stamps (n,)."""
+    import rerun as rr
+
+    table = np.asarray(values, np.float64).reshape(len(stamp_ns), len(plot.curves))
+    if len(table):
+        rows = rr.Scalars.columns(scalars=table.ravel()).partition([table.shape[1]] * len(table))
+        recording.send_columns(plot.path, at(stamp_ns), rows)

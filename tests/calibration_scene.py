@@ -1,0 +1,122 @@
+"""Targets before a rig, as numbers: where corners and stripe are in the image, with or without noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from garbi_map.calibrate.bundle import Corners, Poses, StripePoints
+from garbi_map.calibrate.targets import AnyTarget, parse_target
+from garbi_map.calibrate.views import View
+from garbi_map.rig import Rig
+
+CHECKERBOARD = "kind: checkerboard\ninner_corners: [9, 6]\nsquare: 0.06\nborder: 0.05\n"
+TWO_PLANES = """
+kind: two_planes
+squares: [5, 4]
+square: 0.04
+pitch: 0.07
+planes:
+  - {origin: [-0.36, -0.16, 0.0], u: [1, 0, 0], v: [0, 1, 0]}
+  - {origin: [0.0, -0.16, -0.04], u: [0, 0, -1], v: [0, 1, 0]}
+"""
+
+
+def target_of(text: str = CHECKERBOARD) -> AnyTarget:
+    return parse_target(text, "target.yaml")
+
+
+def poses_before(distances: list[float], rng: np.random.Generator, tilt: float = 0.45, centre=(0.24, 0.15)) -> Poses:
+    """A flat target in front of the camera at these distances, m, tilted both ways and moved about the image."""
+    rotation = Rotation.from_rotvec(
+        np.column_stack([rng.uniform(-tilt, tilt, (len(distances), 2)), rng.uniform(-0.2, 0.2, len(distances))])
+    )
+    shift = np.column_stack([rng.uniform(-0.15, 0.15, (len(distances), 2)) * np.array(distances)[:, None], distances])
+    return Poses(rotation, shift - rotation.apply([*centre, 0.0]))
+
+
+def views_of(rig: Rig, target: AnyTarget, poses: Poses, noise: float, rng: np.random.Generator) -> list[View]:
+    """All corners that fall into the image."""
+    views = []
+    for i, place in enumerate(poses.translation):
+        pixel = rig.camera.project(poses.rotation[i].apply(target.points) + place)
+        pixel = pixel + noise * rng.normal(size=pixel.shape)
+        inside = ((pixel > 2) & (pixel < [rig.camera.width - 3, rig.camera.height - 3])).all(axis=1)
+        views.append(View(f"view {i}", np.flatnonzero(inside), pixel[inside]))
+    return views
+
+
+@dataclass(frozen=True)
+class Sweeps:
+    """How the laser passes over each pose of the target: alphas (k,) rad, rate rad/s."""
+
+    alphas: np.ndarray
+    rate: float = 0.5
+
+
+def stripes_of(
+    rig: Rig,
+    target: AnyTarget,
+    poses: Poses,
+    alphas: np.ndarray,
+    noise: float,
+    rng: np.random.Generator,
+    step: int = 24,
+) -> StripePoints:
+    """The stripe on the target's faces, every `step` rows, where rays, faces and sheet meet; found by bisection."""
+    parts = []
+    image = 0
+    rows = np.arange(4.0, rig.camera.height - 4, step)
+    columns = np.linspace(0.0, rig.camera.width - 1, 49)
+    for view, place in enumerate(poses.translation):
+        turned = poses.rotation[view]
+        for turn, alpha in enumerate(alphas):
+            for face in target.faces:
+                normal, origin = turned.apply(face.normal), turned.apply(face.origin) + place
+
+                def off(u, v, normal=normal, origin=origin, alpha=alpha):
+                    eye, sight = rig.camera.rays(u, v)
+                    reach = ((origin - eye) @ normal) / (sight @ normal)
+                    there = eye + reach[:, None] * sight
+                    miss = rig.laser.off_sheet(there @ rig.camera.rotation.T + rig.camera.centre, alpha)
+                    return np.where(reach > 0, miss, np.nan), there
+
+                u, v = np.meshgrid(columns, rows)
+                miss = off(u.ravel(), v.ravel())[0].reshape(u.shape)
+                row, column = np.nonzero(miss[:, :-1] * miss[:, 1:] < 0)
+                if not len(row):
+                    continue
+                low, high, sign = columns[column], columns[column + 1], miss[row, column]
+                for _ in range(40):
+                    middle = (low + high) / 2
+                    same = off(middle, rows[row])[0] * sign > 0
+                    low, high = np.where(same, middle, low), np.where(same, high, middle)
+                there = turned.inv().apply(off(low, rows[row])[1] - place) - face.origin
+                xy = np.column_stack([there @ face.u, there @ face.v])
+                on = ((xy > -target.border) & (xy < face.size + target.border)).all(axis=1)
+                count = int(on.sum())
+                rate = 0.5 if turn % 2 else -0.5
+                parts.append(
+                    (
+                        np.full(count, view),
+                        np.full(count, image),
+                        low[on],
+                        rows[row][on],
+                        np.full(count, alpha),
+                        np.full(count, rate),
+                        np.tile(face.origin, (count, 1)),
+                        np.tile(face.normal, (count, 1)),
+                    )
+                )
+            image += 1
+    columns_of = [np.concatenate(part) for part in zip(*parts, strict=True)]
+    columns_of[2] = columns_of[2] + noise * rng.normal(size=len(columns_of[2]))
+    return StripePoints(*columns_of)
+
+
+def corners_in(views: list[View], target: AnyTarget) -> Corners:
+    from garbi_map.calibrate.views import corners_of
+
+    return corners_of(views, target)
