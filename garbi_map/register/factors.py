@@ -95,7 +95,9 @@ class AttitudeCorrection:
         self.sigma = _UNKNOWN_TURNING if gyro is None else np.deg2rad(0.05)
 
     def _times(self, motion: Motion) -> Floats:
-        return np.arange(motion.begin, motion.end, self.spacing / 2)
+        # a cubic has four coefficients however short the dive is
+        count = max(int(np.ceil(2.0 * (motion.end - motion.begin) / self.spacing)), 4)
+        return np.linspace(motion.begin, motion.end, count + 1)
 
     def _rate_residual(self, motion: Motion) -> tuple[Floats, Floats]:
         t = self._times(motion)
