@@ -71,7 +71,7 @@ def write_outputs(out: Path, dive: Dive, store: SweepStore, built: Map, started:
     progress.advance()
     write_seabed_tif(out / "seabed.tif", built.seabed)
     progress.advance()
-    mesh = triangulate(built.seabed, dive.config.export.max_triangles)
+    mesh = triangulate(built.seabed, dive.config.export.max_triangles, dive.config.export.widest_hole)
     write_glb(out / "seabed.glb", mesh)
     progress.advance()
     write_hillshade(out / "hillshade.png", built.seabed, dive.config.export, title=dive.paths[0].stem)
@@ -92,7 +92,9 @@ def make_report(dive: Dive, store: SweepStore, built: Map) -> Report:
     """What was read, left out and reached."""
     log = dive.log
     entries = store.entries
-    left_out = [*log.losses, *dive.losses, *built.navigated.report.get("notes", [])]
+    blank = sum(entry.blank for entry in entries)
+    dark = [f"{blank} images show no laser: it was off, hidden or out of range"] if blank else []
+    left_out = [*dive.left_out, *dark, *built.navigated.report.get("notes", [])]
     return Report(
         title=dive.paths[0].stem,
         created=datetime.now(UTC).isoformat(timespec="seconds"),

@@ -36,6 +36,11 @@ class Dive:
     losses: list[str] = field(default_factory=list)
     timings: dict[str, float] = field(default_factory=dict)
 
+    @property
+    def left_out(self) -> list[str]:
+        """What was in the log and is not in the map, so far: one line each, each once."""
+        return list(dict.fromkeys([*self.log.losses, *self.losses]))
+
 
 @dataclass(frozen=True)
 class Map:
@@ -67,7 +72,10 @@ def build_map(
     progress = progress or Silent()
     started = time.perf_counter()
     dive = open_dive(paths, config, rig_path, span)
-    out.mkdir(parents=True, exist_ok=True)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise GarbiError(f"{out}: cannot be made a folder: {error.strerror}") from error
     remove_leftovers(out)
     work = out / ".work"
 
@@ -84,7 +92,7 @@ def build_map(
         seabed, builder = fuse(dive, store, registered.inside, out, progress)
     write_outputs(out, dive, store, Map(navigated, registered, seabed, builder), started, progress)
     shutil.rmtree(work, ignore_errors=True)
-    return [*dive.log.losses, *dive.losses]
+    return dive.left_out
 
 
 def open_dive(
@@ -103,6 +111,10 @@ def open_dive(
             f"{paths[0]}: no images on {config.log.topics.image}; name the topic in the configuration, log.topics.image"
         )
     begin_ns, end_ns = (None if t is None else log.begin_ns + round(t * 1e9) for t in span)
+    first, last = max(begin_ns or log.begin_ns, log.begin_ns), log.end_ns if end_ns is None else end_ns
+    if first >= min(last, log.end_ns):
+        length = (log.end_ns - log.begin_ns) * 1e-9
+        raise GarbiError(f"{paths[0]}: nothing between the asked seconds; the log lasts {length:.1f} s")
     navigation = log.navigation(begin_ns, end_ns, joint=rig.laser.joint)
     return Dive(paths, config, log, rig, navigation, (begin_ns, end_ns))
 
@@ -118,10 +130,14 @@ def sweeps_of(dive: Dive, work: Path, workers: int, progress: Progress) -> Sweep
         store = SweepStore(folder)
         for sweep in scan(dive.log, dive.rig, dive.navigation, dive.config, dive.span_ns, workers, losses, progress):
             store.add(sweep)
-        store.finish(losses.lines())
+        store.finish([*dive.log.losses, *losses.lines()])
     dive.losses += store.losses
-    if len(store) == 0:
-        raise GarbiError(f"{dive.paths[0]}: the laser is not seen in any image; look at it with garbi stripe --overlay")
+    if sum(entry.profiles for entry in store.entries) < 2:
+        shutil.rmtree(work, ignore_errors=True)
+        why = f" ({'; '.join(store.losses)})" if store.losses else ""
+        raise GarbiError(
+            f"{dive.paths[0]}: the laser is not seen in two images or more{why}; look at it with garbi stripe --overlay"
+        )
     return store
 
 

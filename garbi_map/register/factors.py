@@ -95,7 +95,9 @@ class AttitudeCorrection:
         self.sigma = _UNKNOWN_TURNING if gyro is None else np.deg2rad(0.05)
 
     def _times(self, motion: Motion) -> Floats:
-        return np.arange(motion.begin, motion.end, self.spacing / 2)
+        # a cubic has four coefficients however short the dive is
+        count = max(int(np.ceil(2.0 * (motion.end - motion.begin) / self.spacing)), 4)
+        return np.linspace(motion.begin, motion.end, count + 1)
 
     def _rate_residual(self, motion: Motion) -> tuple[Floats, Floats]:
         t = self._times(motion)
@@ -107,7 +109,8 @@ class AttitudeCorrection:
         n = len(t)
         theta = motion.correction(t)
         rate, matrix = self._rate_residual(motion)
-        sigma: Floats = np.where(self._told(t), self.sigma, _UNKNOWN_TURNING)
+        sigma = np.full(n, _UNKNOWN_TURNING)
+        sigma[self._told(t)] = self.sigma
         # one bias-like error for the dive, not one for each time: the rows share their information
         shared = np.sqrt(max(n / 4.0, 1.0))
         for axis in range(3):
@@ -117,6 +120,7 @@ class AttitudeCorrection:
             problem.add(rate[:, axis], sigma, runs, cauchy=4.0)
 
     def _told(self, t: Floats) -> NDArray[np.bool_]:
+        """Where (n,) the gyro speaks."""
         if self.gyro is None:
             return np.zeros(len(t), bool)
         return ~far_from(t, self.gyro, _SILENCE)

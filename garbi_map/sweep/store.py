@@ -19,12 +19,14 @@ _CATALOGUE = "sweeps.json"
 
 @dataclass(frozen=True)
 class StoredSweep:
-    """What is known of a sweep without opening its file: first and last stamp (ns), number of profiles and points."""
+    """What is known of a sweep without opening its file: first and last stamp (ns), number of profiles, of those
+    among them that hold no point, and of points."""
 
     index: int
     begin_ns: int
     end_ns: int
     profiles: int
+    blank: int
     points: int
 
 
@@ -39,13 +41,13 @@ class SweepStore:
     @classmethod
     def open(cls, folder: Path) -> SweepStore | None:
         """The finished store in a folder, or None."""
+        store = cls(folder)
         try:
             catalogue = json.loads((folder / _CATALOGUE).read_text())
-        except (OSError, ValueError):
+            store.entries = [StoredSweep(**entry) for entry in catalogue["sweeps"]]
+            store.losses = catalogue["losses"]
+        except (OSError, ValueError, KeyError, TypeError):
             return None
-        store = cls(folder)
-        store.entries = [StoredSweep(**entry) for entry in catalogue["sweeps"]]
-        store.losses = catalogue["losses"]
         return store
 
     def add(self, sweep: Sweep) -> None:
@@ -55,8 +57,9 @@ class SweepStore:
         arrays["points"] = sweep.points.astype(np.float32)
         np.savez(self._file(len(self.entries)), **arrays)
         stamps = sweep.stamp_ns
+        blank = len(stamps) - len(np.unique(sweep.profile))
         self.entries.append(
-            StoredSweep(len(self.entries), int(stamps[0]), int(stamps[-1]), len(stamps), len(sweep.points))
+            StoredSweep(len(self.entries), int(stamps[0]), int(stamps[-1]), len(stamps), blank, len(sweep.points))
         )
 
     def finish(self, losses: list[str]) -> None:
