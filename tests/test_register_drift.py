@@ -24,10 +24,10 @@ from garbi_map.navigate import NavigationResult, Trajectory
 from garbi_map.register import Registered
 
 CASES = {
-    "with DVL": dict(duration=16.0, sensors=("attitude", "pressure", "dvl"), suite=Suite(dvl=1e-3)),
-    "without DVL": dict(duration=26.0, sensors=("attitude", "pressure")),
-    "only the IMU's rates and forces": dict(duration=16.0, sensors=()),
-    "flat": dict(duration=16.0, sensors=("attitude", "pressure"), floor=flat),
+    "with DVL": {"duration": 16.0, "sensors": ("attitude", "pressure", "dvl"), "suite": Suite(dvl=1e-3)},
+    "without DVL": {"duration": 26.0, "sensors": ("attitude", "pressure")},
+    "only the IMU's rates and forces": {"duration": 16.0, "sensors": ()},
+    "flat": {"duration": 16.0, "sensors": ("attitude", "pressure"), "floor": flat},
 }
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -13,7 +15,7 @@ from garbi_map.navigate.settings import NavigateSettings
 from garbi_map.register.motion import Motion, PriorAttitude
 from garbi_map.register.sensors import Sensors
 from garbi_map.register.settings import DriftSettings
-from garbi_map.register.windows import instants, load_scans, split
+from garbi_map.register.windows import load_scans, split
 
 LEVEL = PriorAttitude(np.array([0.0]), np.array([[0.0, 0.0, 0.0, 1.0]]))
 
@@ -28,7 +30,7 @@ def test_windows_cover_the_dive_and_overlap(begin, length, window, share):
     assert windows[-1][1] == pytest.approx(begin + length)
     for first, last in windows:
         assert last - first <= window + 1e-6
-    for (_, end), (start, _) in zip(windows, windows[1:], strict=False):
+    for (_, end), (start, _) in pairwise(windows):
         assert end - start == pytest.approx(chosen.overlap)
 
 
@@ -37,7 +39,7 @@ def test_windows_cover_the_dive_and_overlap(begin, length, window, share):
 def test_instants_begin_and_end_where_they_should_and_ascend(begin_ms, length_ms, step):
     """However the step divides the span: strictly ascending, never farther apart than the step."""
     begin, end = begin_ms * 1e-3, (begin_ms + length_ms % 30_000) * 1e-3
-    t = instants(begin, end, step)
+    t = Motion(begin, end, LEVEL, 0.2, 1.0).instants(step)
     assert t[0] == begin and t[-1] == end
     assert (np.diff(t) > 0).all() or len(t) == 1
     assert np.diff(t).max(initial=0.0) <= step * (1 + 1e-9)
