@@ -19,6 +19,7 @@ from garbi_map.register import kernels
 from garbi_map.register.factors import Calm, Factor
 from garbi_map.register.motion import Motion
 from garbi_map.register.normal_equations import NormalEquations
+from garbi_map.register.normals import Normals, common_normals, summed_normals
 from garbi_map.register.settings import DriftSettings
 from garbi_map.register.surfels import Surfels, extract_surfels, join, match_surfels
 
@@ -104,7 +105,8 @@ def estimate_drift(
     elsewhere: Surfels | None = None,
     progress: Callable[[Round], None] = lambda _: None,
 ) -> tuple[list[Round], NormalEquations]:
-    """Moves `motion` until the sweeps agree; returns what each round found and the last round's problem.
+    """Moves `motion` until the sweeps agree; returns what each round found, and the problem at the end, whose information
+    takes no noise of normals for slopes.
 
     near_only stops before matches far apart in time, far_only begins with them. elsewhere: surfels of settled sweeps that
     are not among the scans.
@@ -115,9 +117,8 @@ def estimate_drift(
     sizes = np.r_[np.linspace(settings.coarse_surfel_size, settings.surfel_size, count - 4), [settings.surfel_size] * 4]
     sigmas = np.r_[np.geomspace(settings.coarse_match_sigma, settings.match_sigma, count - 1), settings.match_sigma]
     restraint = Calm(settings.attitude_knots / 2, 0.15, derivative=1)
-    rounds: list[Round] = []
-    problem = NormalEquations(motion.size)
-    for k in chosen:
+
+    def linearised(k: int, normals: Normals) -> tuple[NormalEquations, int, float]:
         problem = NormalEquations(motion.size)
         for factor in factors:
             factor.add(problem, motion)
@@ -126,15 +127,20 @@ def estimate_drift(
         matches, distance = 0, 0.0
         for fraction in _FINE if k >= count - 4 else (1.0,):
             surfels = scans.surfels(motion, sizes[k] * fraction, settings.surfel_points)
-            found, distance = add_matches(problem, motion, surfels, gates[k], _REACH[k], sigmas[k], elsewhere)
+            found, distance = add_matches(problem, motion, surfels, gates[k], _REACH[k], sigmas[k], elsewhere, normals)
             matches += found
+        return problem, matches, distance
+
+    rounds: list[Round] = []
+    for k in chosen:
+        problem, matches, distance = linearised(k, summed_normals)
         step = problem.solve()
         motion.step(step)
         for factor in factors:
             factor.reestimate(motion)
         rounds.append(Round(_REACH[k], matches, distance, float(np.abs(step[: motion.attitude_offset]).max())))
         progress(rounds[-1])
-    return rounds, problem
+    return rounds, linearised(chosen[-1], common_normals)[0]
 
 
 def add_matches(
@@ -145,6 +151,7 @@ def add_matches(
     reach: float,
     sigma: float,
     settled: Surfels | None = None,
+    normals: Normals = summed_normals,
 ) -> tuple[int, float]:
     """Adds n . (m_i - m_j) = 0 for matched surfels; returns their number and median distance, m.
 
@@ -158,8 +165,8 @@ def add_matches(
     first, second = first[useful], second[useful]
     if len(first) == 0:
         return 0, 0.0
-    normal = surfels.normal[first] + surfels.normal[second]
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    pair = surfels.sweep[first] * (surfels.sweep.max() + 1) + surfels.sweep[second]
+    normal = normals(surfels.normal[first], surfels.normal[second], pair)
     between = surfels.mean[first] - surfels.mean[second]
     residual = np.einsum("nk,nk->n", normal, between)
     lateral = np.sqrt(np.maximum(np.einsum("nk,nk->n", between, between) - residual**2, 0.0))
