@@ -22,7 +22,7 @@ _SHOT_GAIN = 0.05
 
 @dataclass(frozen=True)
 class Candidates:
-    """All peaks of an image, up to three a row: u, sigma, amplitude (h, 3), NaN where none; chosen (h,) number or -1."""
+    """All peaks of an image, up to three a row: u, sigma, amplitude (h, 3), NaN where none; chosen (h,) one or -1."""
 
     u: NDArray[np.float64]
     sigma: NDArray[np.float64]
@@ -43,6 +43,11 @@ class StripeDetector:
         self.settings, self.rig = settings, rig
         self._table = gate_table(settings)
         self._channel = _CHANNELS[settings.laser]
+
+    @property
+    def image_size(self) -> tuple[int, int] | None:
+        """(width, height) px that the rig was calibrated for; None without a rig."""
+        return None if self.rig is None else (self.rig.camera.width, self.rig.camera.height)
 
     def detect(self, image: NDArray[np.uint8], stamp_ns: int, alpha: float | None = None) -> Stripe:
         """The stripe in an image (h, w) or (h, w, 3) BGR, uint8; alpha: the laser's angle, rad, where it is known."""

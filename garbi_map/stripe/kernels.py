@@ -94,11 +94,11 @@ def _keep(image, table, shift, channel, r, at, reach, depth, place, contrast, wi
 
 @njit(cache=True, nogil=True)
 def refine(image, channel, place, spread, noise_floor, gain, u, sigma, amplitude, clipped):  # type: ignore[no-untyped-def]
-    """Sub-pixel column of each candidate, its sigma, amplitude above the surroundings, and whether the peak is clipped.
+    """Sub-pixel column of each candidate, its sigma, amplitude above the surroundings, and whether it is clipped.
 
-    The zero of the correlation with the derivative of a Gaussian of the stripe's own width (`spread`, 1 sigma px) is the
-    maximum-likelihood column in white noise (Canny 1986); a line through both surroundings is taken off first, so that a
-    slope of the background does not pull. noise_floor, gain: variance of a pixel = noise_floor^2 + gain * value.
+    The zero of the correlation with the derivative of a Gaussian of the stripe's own width (`spread`, 1 sigma px) is
+    the maximum-likelihood column in white noise (Canny 1986); a line through both surroundings is taken off first, so that
+    a slope of the background does not pull. noise_floor, gain: variance of a pixel = noise_floor^2 + gain * value.
     """
     rows, columns = image.shape[0], image.shape[1]
     reach = int(np.ceil(4.0 * spread))
@@ -164,10 +164,10 @@ def refine(image, channel, place, spread, noise_floor, gain, u, sigma, amplitude
 
 @njit(cache=True, nogil=True)
 def choose(u, amplitude, largest_step, least_run, chosen):  # type: ignore[no-untyped-def]
-    """The most likely path down the rows through the candidates (Viterbi), and only its pieces of `least_run` rows.
+    """The most likely path down the rows through the candidates (Viterbi), only in pieces of `least_run` rows.
 
-    A row may have none. A candidate earns its amplitude relative to the image's own; a jump costs, but not without bound,
-    since depth has edges. chosen (h,) gets the candidate's number or -1.
+    A row may have none. A candidate earns its amplitude relative to the image's own; a jump costs, but not without
+    bound, since depth has edges. chosen (h,) gets the candidate's number or -1.
     """
     rows = u.shape[0]
     typical = 0.0

@@ -10,7 +10,9 @@ from garbi_map.settings import Settings
 class GateSettings(Settings):
     """The laser's colour in hue, lightness, saturation: what the paper's look-up tables held."""
 
-    hue: tuple[float, float] = Field((90.0, 180.0), description="degrees, red 0, green 120, blue 240; may wrap")
+    hue: tuple[float, float] | None = Field(
+        None, description="degrees, red 0, green 120, blue 240; may wrap; none: that of the laser's channel"
+    )
     lightness: float = Field(0.06, ge=0, le=1, description="least lightness, 0..1")
     saturation: float = Field(0.25, ge=0, le=1, description="least saturation, 0..1")
     white: float = Field(0.85, ge=0, le=1, description="lighter than this passes whatever its hue: a saturated stripe")
@@ -30,5 +32,5 @@ class StripeSettings(Settings):
     least_contrast: float = Field(10.0, gt=0, le=255, description="least peak above its surroundings, 0..255")
     significance: float = Field(5.0, gt=0, description="least peak above its surroundings, in noise sigmas")
     least_run: int = Field(5, ge=1, description="a piece of the stripe of fewer rows is dropped")
-    largest_step: float = Field(4.0, gt=0, description="columns by which neighbouring rows of one piece differ at most, px")
+    largest_step: float = Field(4.0, gt=0, description="most px between neighbouring rows of a piece")
     max_pixels: int = Field(50_000_000, ge=10_000, description="larger images are refused before they are decoded")
