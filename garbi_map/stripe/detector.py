@@ -11,13 +11,14 @@ from garbi_map.rig import Rig
 from garbi_map.stripe import kernels
 from garbi_map.stripe.gate import BITS, gate_table
 from garbi_map.stripe.settings import StripeSettings
+from garbi_map.stripe.templates import templates
 from garbi_map.stripe.types import Stripe
 
 _CHANNELS = {"blue": 0, "green": 1, "red": 2, "mono": 0}
-_REACH = 12
-"""px from a peak to what counts as its surroundings while candidates are looked for."""
-_SHOT_GAIN = 0.05
-"""Variance per grey level that a pixel gains by photon noise; the floor is measured in each image."""
+_DOUBT = 0.12
+"""Share of the water's pull that stays unknown, as its end at the stripe may be softer or sharper than assumed."""
+_ROUNDING = 0.2887
+"""1 sigma of rounding to whole grey levels."""
 
 
 @dataclass(frozen=True)
@@ -73,22 +74,46 @@ class StripeDetector:
         channel = self._channel if image.shape[2] == 3 else 0
         first, last = self._window(rows, columns, alpha)
         noise = float(kernels.noise_of(image, channel, max(rows // 64, 1)))
-        threshold = max(0.6 * settings.least_contrast, 0.45 * settings.significance * noise)
+        least = max(settings.least_contrast, settings.significance * noise)
         shape = (rows, kernels.CANDIDATES)
-        place, contrast, width = np.empty(shape, np.int64), np.zeros(shape), np.zeros(shape)
-        reach = min(_REACH, max((columns - 6) // 2, 1))
-        kernels.find_candidates(
-            image, self._table, 8 - BITS, channel, first, last, reach, threshold, place, contrast, width
-        )
-        spread = settings.width or _typical_spread(place, contrast, width)
-        u, sigma, amplitude = np.full(shape, np.nan), np.zeros(shape), np.zeros(shape)
+        place, width = np.empty(shape), np.empty(shape)
+        kernels.find_candidates(image, channel, self._table, BITS, first, last, 0.4 * least, place, width)
+        kernel = templates(settings.width or self._spread(image, channel, place, width))
+        u, gain, pull, rest, sigma = (np.empty(shape) for _ in range(5))
         saturated = np.zeros(shape, np.bool_)
-        kernels.refine(image, channel, place, spread, noise, _SHOT_GAIN, u, sigma, amplitude, saturated)
-        weak = amplitude < max(settings.least_contrast, settings.significance * noise)
-        u[weak] = np.nan
+        kernels.refine(
+            image,
+            channel,
+            place,
+            kernel.slope,
+            kernel.curvature,
+            kernel.water,
+            kernel.rest,
+            kernel.spread,
+            u,
+            gain,
+            pull,
+            rest,
+            saturated,
+        )
+        amplitude = gain * (2.0 / np.sqrt(np.pi))
+        u[~(amplitude >= least)] = np.nan
         chosen = np.empty(rows, np.int64)
         kernels.choose(u, amplitude, settings.largest_step, settings.least_run, chosen)
-        return Candidates(u, sigma, amplitude, saturated, chosen, spread, noise)
+        kernels.correct(
+            u, gain, pull, rest, chosen, max(noise, _ROUNDING), kernel.slope_gain, kernel.water_gain, _DOUBT, sigma
+        )
+        return Candidates(u, sigma, amplitude, saturated, chosen, kernel.spread, noise)
+
+    def _spread(self, image: NDArray[np.uint8], channel: int, place: NDArray, width: NDArray) -> float:
+        """1 sigma of the stripe's profile, px, in steps of 3 %, so that few templates are ever made."""
+        widths = width[:, 0][np.isfinite(place[:, 0])]
+        if len(widths) < 8:
+            return 2.0
+        guess = float(np.clip(np.median(widths) / 2.3548, 0.8, 12.0))
+        for _ in range(2):
+            guess = float(np.clip(kernels.spread_of(image, channel, place, guess, len(image) // 48 + 1), 0.7, 12.0))
+        return float(1.03 ** np.round(np.log(guess) / np.log(1.03)))
 
     def _window(self, rows: int, columns: int, alpha: float | None) -> tuple[NDArray, NDArray]:
         settings = self.settings
@@ -119,12 +144,3 @@ class StripeDetector:
 
 def _planes(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.ascontiguousarray(image if image.ndim == 3 else image[:, :, None])
-
-
-def _typical_spread(place: NDArray, contrast: NDArray, width: NDArray) -> float:
-    """1 sigma, px, of the stripe's profile: the median of what the stronger half of the rows shows."""
-    strongest = place[:, 0] >= 0
-    if strongest.sum() < 8:
-        return 2.0
-    strong = strongest & (contrast[:, 0] >= np.median(contrast[strongest, 0]))
-    return float(np.clip(np.median(width[strong, 0]) / 2.3548, 0.8, 8.0))
