@@ -79,7 +79,7 @@ class StripeDetector:
         place, width = np.empty(shape), np.empty(shape)
         kernels.find_candidates(image, channel, self._table, BITS, first, last, 0.4 * least, place, width)
         kernel = templates(settings.width or self._spread(image, channel, place, width))
-        u, gain, pull, rest, sigma = (np.empty(shape) for _ in range(5))
+        u, gain, pull, rest, sigma = (np.zeros(shape) for _ in range(5))
         saturated = np.zeros(shape, np.bool_)
         kernels.refine(
             image,

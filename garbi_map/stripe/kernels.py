@@ -228,7 +228,8 @@ def refine(image, channel, place, slope, curvature, water, rest, spread, u, gain
 def correct(u, gain, pull, noise, chosen, floor, slope_gain, water_gain, doubt, sigma):  # type: ignore[no-untyped-def]
     """Take the water's pull off the chosen columns, averaged over the neighbouring rows, and state sigma (h, 3), px.
 
-    Noise in place is averaged likewise, and is at least `floor`, that of a dark pixel. doubt: share of a correction that
+    Noise in place is averaged likewise, and is at least `floor`, that of a dark pixel; so is the scatter of neighbouring
+    rows, which holds what is no noise of pixels: texture, speckle, compression. doubt: share of a correction that
     counts as error. slope_gain, water_gain: see Templates.
     """
     rows = u.shape[0]
@@ -243,27 +244,39 @@ def correct(u, gain, pull, noise, chosen, floor, slope_gain, water_gain, doubt, 
         return
     lit = np.empty(n)
     power = np.empty(n)
+    bend = np.full(n, np.nan)
     for i in range(n):
         r = row[i]
-        lit[i] = pull[r, chosen[r]]
-        power[i] = noise[r, chosen[r]] ** 2
-    typical = max(np.median(power) / 0.455, floor * floor)
-    step = 3.0 * water_gain * np.sqrt(typical)
-    lit_mean = _averaged(lit, row, step)
-    power_mean = _averaged(np.minimum(power, 12.0 * typical), row, 6.0 * typical)
+        k = chosen[r]
+        lit[i] = pull[r, k]
+        power[i] = noise[r, k] ** 2
+        if 0 < i < n - 1 and row[i + 1] - row[i - 1] == 2:
+            second = u[r - 1, chosen[r - 1]] - 2.0 * u[r, k] + u[r + 1, chosen[r + 1]]
+            bend[i] = second**2 / 6.0
+    usual = max(_usual(power), floor * floor)
+    lit_mean = _averaged(lit, row, 3.0 * water_gain * np.sqrt(usual), 0.02)
+    power_mean = _averaged(np.minimum(power, 12.0 * usual), row, 6.0 * usual, 0.05)
+    uneven = _usual(bend)
+    scatter = _averaged(np.minimum(bend, 12.0 * uneven), row, 6.0 * uneven, 0.05)
     for i in range(n):
         r = row[i]
         k = chosen[r]
         off = lit_mean[i] / gain[r, k]
         u[r, k] -= off
-        variance = max(power_mean[i], floor * floor)
-        variance = max(variance, power[i] / 9.0)
-        variance *= slope_gain**2 + water_gain**2 * 0.014
-        sigma[r, k] = np.sqrt(variance / gain[r, k] ** 2 + (doubt * off) ** 2)
+        variance = max(power_mean[i], floor * floor, power[i] / 9.0)
+        variance *= (slope_gain**2 + 0.006 * water_gain**2) / gain[r, k] ** 2
+        sigma[r, k] = np.sqrt(max(variance, scatter[i]) + (doubt * off) ** 2)
 
 
 @njit(cache=True, nogil=True)
-def _averaged(values, row, step):  # type: ignore[no-untyped-def]
+def _usual(squares):  # type: ignore[no-untyped-def]
+    """Variance whose squares of Gaussian deviates have this median; 0 for none."""
+    known = squares[~np.isnan(squares)]
+    return np.median(known) / 0.455 if len(known) > 0 else 0.0
+
+
+@njit(cache=True, nogil=True)
+def _averaged(values, row, step, rate):  # type: ignore[no-untyped-def]
     """Exponential means from above and from below, together, in which a value moves the mean as if it were no more than
     `step` away; a gap between rows begins anew."""
     n = len(values)
@@ -273,18 +286,18 @@ def _averaged(values, row, step):  # type: ignore[no-untyped-def]
         last = -1000000
         for m in range(n):
             i = m if way == 0 else n - 1 - m
-            if abs(row[i] - last) > 10:
+            if abs(row[i] - last) > 30:
                 state = 0.0
                 count = 0
-                for ahead in range(15):
+                for ahead in range(25):
                     j = i + ahead if way == 0 else i - ahead
-                    if 0 <= j < n and abs(row[j] - row[i]) < 20 and not np.isnan(values[j]):
+                    if 0 <= j < n and abs(row[j] - row[i]) < 40 and not np.isnan(values[j]):
                         state += values[j]
                         count += 1
                 state /= max(count, 1)
             last = row[i]
             if not np.isnan(values[i]):
-                state += 0.05 * min(max(values[i] - state, -step), step)
+                state += rate * min(max(values[i] - state, -step), step)
             out[i] += 0.5 * state
     return out
 

@@ -69,9 +69,9 @@ def templates(spread: float) -> Templates:
         weights = np.linalg.solve(weighted @ weighted.T + _RIDGE * len(lit) * np.eye(len(weighted)), asked * cost)
         water = weighted.T @ weights
         third = (d**3 - 3.0 * d) * bell
-        dark = _basis(blind[:, inner], 1e-4)
-        beyond = lit[:, inner] - lit[:, inner] @ dark @ dark.T
-        known = np.hstack([dark, _basis(beyond, 0.03)])
+        stripe = _basis(blind[:, inner], 1e-4)
+        beyond = lit[:, inner] - lit[:, inner] @ stripe @ stripe.T
+        known = np.hstack([stripe, _basis(beyond, 0.03)])
         rest = third - known @ (known.T @ third)
         for table, kernel in zip(tables, (slope, curvature, water, rest / np.linalg.norm(rest)), strict=True):
             table[phase] = kernel
