@@ -77,7 +77,8 @@ class StripeDetector:
         least = max(settings.least_contrast, settings.significance * noise)
         shape = (rows, kernels.CANDIDATES)
         place, width = np.empty(shape), np.empty(shape)
-        kernels.find_candidates(image, channel, self._table, BITS, first, last, 0.4 * least, place, width)
+        blocks = _blocks(image)
+        kernels.find_candidates(image, blocks, channel, self._table, BITS, first, last, 0.4 * least, place, width)
         kernel = templates(settings.width or self._spread(image, channel, place, width))
         u, gain, pull, rest, sigma = (np.zeros(shape) for _ in range(5))
         saturated = np.zeros(shape, np.bool_)
@@ -112,7 +113,7 @@ class StripeDetector:
             return 2.0
         guess = float(np.clip(np.median(widths) / 2.3548, 0.8, 12.0))
         for _ in range(2):
-            guess = float(np.clip(kernels.spread_of(image, channel, place, guess, len(image) // 48 + 1), 0.7, 12.0))
+            guess = float(np.clip(kernels.spread_of(image, channel, place, guess, len(image) // 32 + 1), 0.7, 12.0))
         return float(1.03 ** np.round(np.log(guess) / np.log(1.03)))
 
     def _window(self, rows: int, columns: int, alpha: float | None) -> tuple[NDArray, NDArray]:
@@ -144,3 +145,10 @@ class StripeDetector:
 
 def _planes(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.ascontiguousarray(image if image.ndim == 3 else image[:, :, None])
+
+
+def _blocks(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """The same pixels as (h, w // BLOCK, BLOCK c): what the search reads as whole blocks. Copied for odd widths only."""
+    rows, columns, depth = image.shape
+    count = columns // kernels.BLOCK
+    return np.ascontiguousarray(image[:, : count * kernels.BLOCK]).reshape(rows, count, kernels.BLOCK * depth)

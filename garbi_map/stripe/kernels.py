@@ -12,20 +12,21 @@ BLOCK = 4
 AWAY = 16
 """px from the middle of a peak to the middle of what counts as its surroundings; both are two blocks wide."""
 
-_PAD = 5
+_PAD = 6
 
 
 @njit(cache=True, nogil=True)
-def find_candidates(image, channel, table, bits, first, last, threshold, place, width):  # type: ignore[no-untyped-def]
+def find_candidates(image, blocks, channel, table, bits, first, last, threshold, place, width):  # type: ignore[no-untyped-def]
     """Up to three peaks per row that stand out from both sides and pass the colour gate, the brightest first.
 
-    image (h, w, c) uint8; first, last (h,) columns of the window; threshold: least mean of a peak above the mean of its
-    surroundings; place (h, 3) column, NaN where there is none; width (h, 3) full width at half maximum, px.
+    image (h, w, c) uint8; blocks: the same as (h, w // BLOCK, BLOCK c); first, last (h,) columns of the window; threshold:
+    least mean of a peak above the mean of its surroundings; place (h, 3) column, NaN where there is none; width (h, 3)
+    full width at half maximum, px.
     """
     rows, columns, depth = image.shape
-    blocks = columns // BLOCK
-    total = np.zeros(blocks + 2 * _PAD, np.int32)
-    rise = np.zeros(blocks + 2 * _PAD, np.int32)
+    count = blocks.shape[1]
+    total = np.zeros(count + 2 * _PAD, np.int32)
+    rise = np.zeros(count + 2 * _PAD, np.int32)
     bright = np.empty(CANDIDATES)
     least = np.int32(4 * BLOCK * threshold)
     for r in range(rows):
@@ -33,26 +34,14 @@ def find_candidates(image, channel, table, bits, first, last, threshold, place, 
             place[r, k] = np.nan
             bright[k] = 0.0
         low, high = max(first[r], 0.0), min(last[r], columns - 1.0)
-        if not high >= low or blocks < 2:
+        if not high >= low or count < 2:
             continue
-        begin, end = int(low) // BLOCK, min(int(high) // BLOCK + 1, blocks)
-        if end - begin < 2:
-            begin, end = max(end - 2, 0), max(end, 2)
-        near, far = max(begin - _PAD, 0), min(end + _PAD, blocks)
-        for b in range(near, far):
-            c = BLOCK * b
-            total[_PAD + b] = (
-                np.int32(image[r, c, channel])
-                + np.int32(image[r, c + 1, channel])
-                + np.int32(image[r, c + 2, channel])
-                + np.int32(image[r, c + 3, channel])
-            )
-        for b in range(begin - _PAD, near):
-            total[_PAD + b] = total[_PAD + near]
-        for b in range(far, end + _PAD):
-            total[_PAD + b] = total[_PAD + far - 1]
-        for b in range(_PAD + begin, _PAD + end - 1):
-            rise[b] = 2 * (total[b] + total[b + 1]) - (total[b - 4] + total[b - 3]) - (total[b + 4] + total[b + 5])
+        begin, end = max(int(low) // BLOCK - 1, 0), min(int(high) // BLOCK + 2, count)
+        near, far = max(begin - _PAD, 0), min(end + _PAD, count)
+        _sum_blocks(blocks[r, near:far], channel, depth, total[_PAD + near : _PAD + far])
+        total[begin : _PAD + near] = total[_PAD + near]
+        total[_PAD + far : 2 * _PAD + end] = total[_PAD + far - 1]
+        _stand_out(total[begin : 2 * _PAD + end], rise[_PAD + begin : _PAD + end])
         before = np.int32(0)
         for b in range(_PAD + begin, _PAD + end - 1):
             here = rise[b]
@@ -61,14 +50,34 @@ def find_candidates(image, channel, table, bits, first, last, threshold, place, 
                 left, right = total[b - 4] + total[b - 3], total[b + 4] + total[b + 5]
                 if core > left and core > right:
                     side = 0.25 * (left + right) / BLOCK
-                    _measure(image, channel, table, bits, r, BLOCK * (b - _PAD), side, depth, bright, place, width)
+                    _keep(image, channel, table, bits, r, BLOCK * (b - _PAD), low, high, side, bright, place, width)
             before = here
 
 
 @njit(cache=True, nogil=True)
-def _measure(image, channel, table, bits, r, begin, side, depth, bright, place, width):  # type: ignore[no-untyped-def]
+def _sum_blocks(line, channel, depth, total):  # type: ignore[no-untyped-def]
+    for b in range(len(total)):
+        total[b] = (
+            np.int32(line[b, channel])
+            + np.int32(line[b, channel + depth])
+            + np.int32(line[b, channel + 2 * depth])
+            + np.int32(line[b, channel + 3 * depth])
+        )
+
+
+@njit(cache=True, nogil=True)
+def _stand_out(total, rise):  # type: ignore[no-untyped-def]
+    """Twice what two blocks hold, less what those AWAY to the left and to the right hold; total has _PAD more each side."""
+    for b in range(len(rise)):
+        rise[b] = (
+            2 * (total[b + 6] + total[b + 7]) - (total[b + 2] + total[b + 3]) - (total[b + 10] + total[b + 11])
+        )
+
+
+@njit(cache=True, nogil=True)
+def _keep(image, channel, table, bits, r, begin, first, last, side, bright, place, width):  # type: ignore[no-untyped-def]
     """Keep the peak within the two blocks at `begin`, if its colour is the laser's, in order of its height."""
-    columns = image.shape[1]
+    columns, depth = image.shape[1], image.shape[2]
     low, high = max(begin - 2, 0), min(begin + 2 * BLOCK + 1, columns - 1)
     peak, top = low, -1
     for c in range(low, high + 1):
@@ -101,6 +110,8 @@ def _measure(image, channel, table, bits, r, begin, side, depth, bright, place, 
     x0 = left + (half - a0) / (a1 - a0) if a1 > half >= a0 else float(left)
     x1 = right - (half - b0) / (b1 - b0) if b1 > half >= b0 else float(right)
     middle = 0.5 * (x0 + x1)
+    if not first <= middle <= last:
+        return
     for k in range(CANDIDATES):
         if abs(place[r, k] - middle) < AWAY // 2:
             return
@@ -127,7 +138,7 @@ def spread_of(image, channel, place, start, step):  # type: ignore[no-untyped-de
     n = 0
     for r in range(step // 2, rows, step):
         x = place[r, 0]
-        reach = int(7.0 * start)
+        reach = int(5.5 * start)
         if not reach < x < columns - reach - 2:
             continue
         fine, coarse = 0.0, 0.0
@@ -142,15 +153,15 @@ def spread_of(image, channel, place, start, step):  # type: ignore[no-untyped-de
                 tilt += (c - x) * bell * value
                 fine += (1.0 - d2) * bell * value
                 if turn == 2:
-                    coarse += (1.0 - 0.25 * d2) * np.exp(-0.125 * d2) * value
+                    coarse += (1.0 - d2 / 2.25) * np.exp(-d2 / 4.5) * value
             if fine <= 0.0:
                 break
             if turn < 2:
                 x += min(max(tilt / fine, -start), start)
         if fine > 0.0 and coarse > 0.0 and clipped < 12 * start:
-            ratio = (coarse / (8.0 * fine)) ** (2.0 / 3.0)
-            if 0.25 < ratio < 1.0:
-                found[n] = start * np.sqrt((4.0 * ratio - 1.0) / (1.0 - ratio))
+            ratio = (coarse / (3.375 * fine)) ** (2.0 / 3.0)
+            if 1.0 / 2.25 < ratio < 1.0:
+                found[n] = start * np.sqrt((2.25 * ratio - 1.0) / (1.0 - ratio))
                 n += 1
     return np.median(found[:n]) if n >= 8 else start
 
