@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,17 +18,21 @@ from garbi_map.stripe.types import Stripe
 _CHANNELS = {"blue": 0, "green": 1, "red": 2, "mono": 0}
 _DOUBT = 0.12
 """Share of the water's pull that stays unknown, as its end at the stripe may be softer or sharper than assumed."""
+_SPREADS = (0.7, 12.0)
+"""Narrowest and widest stripe, 1 sigma, px."""
 _ROUNDING = 0.2887
 """1 sigma of rounding to whole grey levels."""
 
 
 @dataclass(frozen=True)
 class Candidates:
-    """All peaks of an image, up to three a row: u, sigma, amplitude (h, 3), NaN where none; chosen (h,) one or -1."""
+    """All peaks of an image, up to three a row: u (px, NaN where none), sigma (px, of the chosen),
+    gain (height is HEIGHT times it) and saturated (h, 3); chosen (h,) its number or -1; spread: the stripe's 1 sigma, px;
+    noise: 1 sigma of a dark pixel."""
 
     u: NDArray[np.float64]
     sigma: NDArray[np.float64]
-    amplitude: NDArray[np.float64]
+    gain: NDArray[np.float64]
     saturated: NDArray[np.bool_]
     chosen: NDArray[np.int64]
     spread: float
@@ -55,16 +60,7 @@ class StripeDetector:
         if self.settings.method == "paper":
             return self._by_paper(_planes(image), stamp_ns)
         found = self.candidates(image, alpha)
-        rows = np.flatnonzero(found.chosen >= 0)
-        pick = found.chosen[rows]
-        return Stripe(
-            stamp_ns,
-            rows.astype(np.int32),
-            found.u[rows, pick].astype(np.float32),
-            found.sigma[rows, pick].astype(np.float32),
-            found.amplitude[rows, pick].astype(np.float32),
-            found.saturated[rows, pick],
-        )
+        return Stripe(stamp_ns, *kernels.gather(found.u, found.sigma, found.gain, found.saturated, found.chosen))
 
     def candidates(self, image: NDArray[np.uint8], alpha: float | None = None) -> Candidates:
         """Everything that may be the stripe, and which of it was chosen."""
@@ -91,40 +87,31 @@ class StripeDetector:
             kernel.water,
             kernel.rest,
             kernel.spread,
+            least,
             u,
             gain,
             pull,
             rest,
             saturated,
         )
-        amplitude = gain * (2.0 / np.sqrt(np.pi))
-        u[~(amplitude >= least)] = np.nan
         chosen = np.empty(rows, np.int64)
-        kernels.choose(u, amplitude, settings.largest_step, settings.least_run, chosen)
+        kernels.choose(u, gain, settings.largest_step, settings.least_run, chosen)
         kernels.correct(
             u, gain, pull, rest, chosen, max(noise, _ROUNDING), kernel.slope_gain, kernel.water_gain, _DOUBT, sigma
         )
-        return Candidates(u, sigma, amplitude, saturated, chosen, kernel.spread, noise)
+        return Candidates(u, sigma, gain, saturated, chosen, kernel.spread, noise)
 
     def _spread(self, image: NDArray[np.uint8], channel: int, place: NDArray, width: NDArray) -> float:
         """1 sigma of the stripe's profile, px, in steps of 3 %, so that few templates are ever made."""
-        widths = width[:, 0][np.isfinite(place[:, 0])]
-        if len(widths) < 8:
-            return 2.0
-        guess = float(np.clip(np.median(widths) / 2.3548, 0.8, 12.0))
-        for _ in range(2):
-            guess = float(np.clip(kernels.spread_of(image, channel, place, guess, len(image) // 32 + 1), 0.7, 12.0))
-        return float(1.03 ** np.round(np.log(guess) / np.log(1.03)))
+        spread = kernels.spread_of(image, channel, place, width, len(image) // 32 + 1, *_SPREADS)
+        return float(1.03 ** round(math.log(spread) / math.log(1.03)))
 
     def _window(self, rows: int, columns: int, alpha: float | None) -> tuple[NDArray, NDArray]:
         settings = self.settings
-        if self.rig is None or alpha is None or not settings.window or not np.isfinite(alpha):
+        if self.rig is None or alpha is None or not settings.window or not math.isfinite(alpha):
             return np.zeros(rows), np.full(rows, columns - 1.0)
         first, last = self.rig.column_window(alpha, settings.min_range, settings.max_range)
-        return (
-            np.nan_to_num(first - settings.window_margin, nan=0.0),
-            np.nan_to_num(last + settings.window_margin, nan=-1.0),
-        )
+        return first - settings.window_margin, last + settings.window_margin
 
     def _by_paper(self, image: NDArray[np.uint8], stamp_ns: int) -> Stripe:
         rows = len(image)

@@ -12,6 +12,11 @@ BLOCK = 4
 AWAY = 16
 """px from the middle of a peak to the middle of what counts as its surroundings; both are two blocks wide."""
 
+HEIGHT = 2.0 / np.sqrt(np.pi)
+"""Height of a stripe per gain of its correlation with its own slope."""
+CLIPPED = 254.0
+"""Grey level from which a pixel may be clipped."""
+
 _PAD = 6
 
 
@@ -34,7 +39,7 @@ def find_candidates(image, blocks, channel, table, bits, first, last, threshold,
             place[r, k] = np.nan
             bright[k] = 0.0
         low, high = max(first[r], 0.0), min(last[r], columns - 1.0)
-        if not high >= low or count < 2:
+        if not last[r] >= first[r] or count < 2:
             continue
         begin, end = max(int(low) // BLOCK - 1, 0), min(int(high) // BLOCK + 2, count)
         near, far = max(begin - _PAD, 0), min(end + _PAD, count)
@@ -127,14 +132,30 @@ def _keep(image, channel, table, bits, r, begin, first, last, side, bright, plac
 
 
 @njit(cache=True, nogil=True)
-def spread_of(image, channel, place, start, step):  # type: ignore[no-untyped-def]
-    """1 sigma of the stripe's profile, px: the median over every `step`-th row, `start` being a guess.
+def spread_of(image, channel, place, width, step, least, most):  # type: ignore[no-untyped-def]
+    """1 sigma of the stripe's profile, px, from least to most: the median over every `step`-th row.
 
     Correlating exp(-t^2 / 2 sigma^2) with (1 - d^2) exp(-d^2 / 2), d = t / s, gives s^3 sigma / (s^2 + sigma^2)^1.5: the
     ratio for two s tells sigma, whatever the height, the dark level and, nearly, the halo.
     """
-    rows, columns = image.shape[0], image.shape[1]
+    rows = image.shape[0]
     found = np.empty(rows // step + 1)
+    n = 0
+    for r in range(step // 2, rows, step):
+        if place[r, 0] >= 0.0:
+            found[n] = width[r, 0] / 2.3548
+            n += 1
+    if n < 4:
+        return min(max(2.0, least), most)
+    spread = np.median(found[:n])
+    for _ in range(2):
+        spread = _compare_scales(image, channel, place, min(max(spread, least), most), step, found)
+    return min(max(spread, least), most)
+
+
+@njit(cache=True, nogil=True)
+def _compare_scales(image, channel, place, start, step, found):  # type: ignore[no-untyped-def]
+    rows, columns = image.shape[0], image.shape[1]
     n = 0
     for r in range(step // 2, rows, step):
         x = place[r, 0]
@@ -147,7 +168,7 @@ def spread_of(image, channel, place, start, step):  # type: ignore[no-untyped-de
             tilt, fine, coarse = 0.0, 0.0, 0.0
             for c in range(int(x) - reach, int(x) + reach + 2):
                 value = float(image[r, c, channel])
-                clipped += value >= 254.0
+                clipped += value >= CLIPPED
                 d2 = ((c - x) / start) ** 2
                 bell = np.exp(-0.5 * d2)
                 tilt += (c - x) * bell * value
@@ -163,12 +184,12 @@ def spread_of(image, channel, place, start, step):  # type: ignore[no-untyped-de
             if 1.0 / 2.25 < ratio < 1.0:
                 found[n] = start * np.sqrt((2.25 * ratio - 1.0) / (1.0 - ratio))
                 n += 1
-    return np.median(found[:n]) if n >= 8 else start
+    return np.median(found[:n]) if n >= 4 else start
 
 
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
-def refine(image, channel, place, slope, curvature, water, rest, spread, u, gain, pull, noise, clipped):  # type: ignore[no-untyped-def]
-    """Each candidate's column u (h, 3), where its correlation with `slope` is zero, NaN where there is none.
+def refine(image, channel, place, slope, curvature, water, rest, spread, least, u, gain, pull, noise, clipped):  # type: ignore[no-untyped-def]
+    """Each candidate's column u (h, 3), where its correlation with `slope` is zero, NaN where it is lower than `least`.
 
     The tables are those of Templates. gain (h, 3): grey levels by which the correlation changes per px; pull (h, 3): what
     the water adds to the correlation; noise (h, 3): response of `rest`; clipped (h, 3) bool.
@@ -220,6 +241,9 @@ def refine(image, channel, place, slope, curvature, water, rest, spread, u, gain
                 x = start + min(max(step, -1.0), 1.0)
             if not found or not 0.0 <= x <= columns - 1.0:
                 continue
+            gain[r, k] = bend / spread
+            if gain[r, k] * HEIGHT < least:
+                continue
             lit = np.float32(0.0)
             for j in range(wide):
                 lit += water[phase, j] * row[at - wing + j]
@@ -228,11 +252,10 @@ def refine(image, channel, place, slope, curvature, water, rest, spread, u, gain
                 other += rest[phase, j] * row[at + j]
             top = max(row[at + reach], row[at + reach + 1])
             u[r, k] = x
-            gain[r, k] = bend / spread
             whole = base - reach - wing >= 0 and base + reach + wing + 1 < columns
             pull[r, k] = lit if whole else np.nan
             noise[r, k] = other
-            clipped[r, k] = top >= 254.0
+            clipped[r, k] = top >= CLIPPED
 
 
 @njit(cache=True, nogil=True)
@@ -314,10 +337,10 @@ def _averaged(values, row, step, rate):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def choose(u, amplitude, largest_step, least_run, chosen):  # type: ignore[no-untyped-def]
+def choose(u, gain, largest_step, least_run, chosen):  # type: ignore[no-untyped-def]
     """The most likely path down the rows through the candidates (Viterbi), only in pieces of `least_run` rows.
 
-    A row may have none. A candidate earns its amplitude relative to the image's own; a jump costs, but not without
+    A row may have none. A candidate earns its height relative to the image's own; a jump costs, but not without
     bound, since depth has edges. chosen (h,) gets the candidate's number or -1.
     """
     rows = u.shape[0]
@@ -325,7 +348,7 @@ def choose(u, amplitude, largest_step, least_run, chosen):  # type: ignore[no-un
     n = 0
     for r in range(rows):
         if not np.isnan(u[r, 0]):
-            typical += amplitude[r, 0]
+            typical += gain[r, 0]
             n += 1
     if n == 0:
         chosen[:] = -1
@@ -341,7 +364,7 @@ def choose(u, amplitude, largest_step, least_run, chosen):  # type: ignore[no-un
             here = np.nan
             if s < CANDIDATES:
                 here = u[r, s]
-                earn = min(amplitude[r, s] / typical, 1.5) - 0.2 if not np.isnan(here) else -1e9
+                earn = min(gain[r, s] / typical, 1.5) - 0.2 if not np.isnan(here) else -1e9
             best = -1e18
             if r == 0:
                 best = earn
@@ -376,6 +399,22 @@ def choose(u, amplitude, largest_step, least_run, chosen):  # type: ignore[no-un
             for r in range(begin, end + 1):
                 chosen[r] = -1
         begin = end + 1
+
+
+@njit(cache=True, nogil=True)
+def gather(u, sigma, gain, clipped, chosen):  # type: ignore[no-untyped-def]
+    """The chosen ones: row, u, sigma, height, clipped (n,), as Stripe holds them."""
+    n = np.sum(chosen >= 0)
+    row, column = np.empty(n, np.int32), np.empty(n, np.float32)
+    error, height, full = np.empty(n, np.float32), np.empty(n, np.float32), np.empty(n, np.bool_)
+    i = 0
+    for r in range(len(chosen)):
+        k = chosen[r]
+        if k >= 0:
+            row[i], column[i], error[i], height[i] = r, u[r, k], sigma[r, k], gain[r, k] * HEIGHT
+            full[i] = clipped[r, k]
+            i += 1
+    return row, column, error, height, full
 
 
 @njit(cache=True, nogil=True)
