@@ -48,9 +48,10 @@ def find_candidates(image, blocks, channel, table, bits, first, last, threshold,
         total[_PAD + far : 2 * _PAD + end] = total[_PAD + far - 1]
         _stand_out(total[begin : 2 * _PAD + end], rise[_PAD + begin : _PAD + end])
         before = np.int32(0)
+        rise[_PAD + end - 1] = 0
         for b in range(_PAD + begin, _PAD + end - 1):
             here = rise[b]
-            if here > least and here > before and (b == _PAD + end - 2 or here >= rise[b + 1]):
+            if here > least and here > before and here >= rise[b + 1]:
                 core = total[b] + total[b + 1]
                 left, right = total[b - 4] + total[b - 3], total[b + 4] + total[b + 5]
                 if core > left and core > right:
@@ -74,24 +75,23 @@ def _sum_blocks(line, channel, depth, total):  # type: ignore[no-untyped-def]
 def _stand_out(total, rise):  # type: ignore[no-untyped-def]
     """Twice what two blocks hold, less what those AWAY to the left and to the right hold; total has _PAD more each side."""
     for b in range(len(rise)):
-        rise[b] = (
-            2 * (total[b + 6] + total[b + 7]) - (total[b + 2] + total[b + 3]) - (total[b + 10] + total[b + 11])
-        )
+        rise[b] = 2 * (total[b + 6] + total[b + 7]) - (total[b + 2] + total[b + 3]) - (total[b + 10] + total[b + 11])
 
 
 @njit(cache=True, nogil=True)
 def _keep(image, channel, table, bits, r, begin, first, last, side, bright, place, width):  # type: ignore[no-untyped-def]
     """Keep the peak within the two blocks at `begin`, if its colour is the laser's, in order of its height."""
     columns, depth = image.shape[1], image.shape[2]
-    low, high = max(begin - 2, 0), min(begin + 2 * BLOCK + 1, columns - 1)
-    peak, top = low, -1
+    low, high = max(begin - 1, 1), min(begin + 2 * BLOCK, columns - 2)
+    peak, top = low, np.int32(-1)
+    before, here = np.int32(image[r, low - 1, channel]), np.int32(image[r, low, channel])
     for c in range(low, high + 1):
-        value = np.int32(image[r, c, channel]) * 2
-        value += image[r, max(c - 1, 0), channel]
-        value += image[r, min(c + 1, columns - 1), channel]
+        after = np.int32(image[r, c + 1, channel])
+        value = before + 2 * here + after
         if value > top:
             top = value
             peak = c
+        before, here = here, after
     if depth == 3:
         shift = 8 - bits
         passed = False
