@@ -26,9 +26,12 @@ _ROUNDING = 0.2887
 
 @dataclass(frozen=True)
 class Candidates:
-    """All peaks of an image, up to three a row: u (px, NaN where none), sigma (px, of the chosen),
-    gain (height is HEIGHT times it) and saturated (h, 3); chosen (h,) its number or -1; spread: the stripe's 1 sigma, px;
-    noise: 1 sigma of a dark pixel."""
+    """All peaks of an image, up to three a row.
+
+    u (h, 3) px, NaN where there is none; sigma (h, 3) px, of the chosen ones; gain (h, 3): HEIGHT times it is the
+    height; saturated (h, 3); chosen (h,): which of the three, or -1; spread: 1 sigma of the stripe's profile, px;
+    noise: 1 sigma of a dark pixel, grey levels.
+    """
 
     u: NDArray[np.float64]
     sigma: NDArray[np.float64]
@@ -135,7 +138,7 @@ def _planes(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def _blocks(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """The same pixels as (h, w // BLOCK, BLOCK c): what the search reads as whole blocks. Copied for odd widths only."""
+    """The same pixels as (h, w // BLOCK, BLOCK c): what the search reads. Copied for odd widths only."""
     rows, columns, depth = image.shape
     count = columns // kernels.BLOCK
     return np.ascontiguousarray(image[:, : count * kernels.BLOCK]).reshape(rows, count, kernels.BLOCK * depth)

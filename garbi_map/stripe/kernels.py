@@ -24,9 +24,9 @@ _PAD = 6
 def find_candidates(image, blocks, channel, table, bits, first, last, threshold, place, width):  # type: ignore[no-untyped-def]
     """Up to three peaks per row that stand out from both sides and pass the colour gate, the brightest first.
 
-    image (h, w, c) uint8; blocks: the same as (h, w // BLOCK, BLOCK c); first, last (h,) columns of the window; threshold:
-    least mean of a peak above the mean of its surroundings; place (h, 3) column, NaN where there is none; width (h, 3)
-    full width at half maximum, px.
+    image (h, w, c) uint8; blocks: the same as (h, w // BLOCK, BLOCK c); first, last (h,) columns of the window;
+    threshold: least mean of a peak above the mean of its surroundings; place (h, 3) column, NaN where there is none;
+    width (h, 3) full width at half maximum, px.
     """
     rows, columns, depth = image.shape
     count = blocks.shape[1]
@@ -73,7 +73,7 @@ def _sum_blocks(line, channel, depth, total):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _stand_out(total, rise):  # type: ignore[no-untyped-def]
-    """Twice what two blocks hold, less what those AWAY to the left and to the right hold; total has _PAD more each side."""
+    """Twice what two blocks hold, less what those AWAY to either side hold; total has _PAD more each side."""
     for b in range(len(rise)):
         rise[b] = 2 * (total[b + 6] + total[b + 7]) - (total[b + 2] + total[b + 3]) - (total[b + 10] + total[b + 11])
 
@@ -135,8 +135,8 @@ def _keep(image, channel, table, bits, r, begin, first, last, side, bright, plac
 def spread_of(image, channel, place, width, step, least, most):  # type: ignore[no-untyped-def]
     """1 sigma of the stripe's profile, px, from least to most: the median over every `step`-th row.
 
-    Correlating exp(-t^2 / 2 sigma^2) with (1 - d^2) exp(-d^2 / 2), d = t / s, gives s^3 sigma / (s^2 + sigma^2)^1.5: the
-    ratio for two s tells sigma, whatever the height, the dark level and, nearly, the halo.
+    Correlating exp(-t^2 / 2 sigma^2) with (1 - d^2) exp(-d^2 / 2), d = t / s, gives s^3 sigma / (s^2 + sigma^2)^1.5:
+    the ratio for two s tells sigma, whatever the height, the dark level and, nearly, the halo.
     """
     rows = image.shape[0]
     found = np.empty(rows // step + 1)
@@ -189,10 +189,10 @@ def _compare_scales(image, channel, place, start, step, found):  # type: ignore[
 
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
 def refine(image, channel, place, slope, curvature, water, rest, spread, least, u, gain, pull, noise, clipped):  # type: ignore[no-untyped-def]
-    """Each candidate's column u (h, 3), where its correlation with `slope` is zero, NaN where it is lower than `least`.
+    """Each candidate's column u (h, 3), where its correlation with `slope` is zero, NaN where it is not `least` high.
 
-    The tables are those of Templates. gain (h, 3): grey levels by which the correlation changes per px; pull (h, 3): what
-    the water adds to the correlation; noise (h, 3): response of `rest`; clipped (h, 3) bool.
+    The tables are those of Templates. gain (h, 3): grey levels by which the correlation changes per px; pull (h, 3):
+    what the water adds to the correlation; noise (h, 3): response of `rest`; clipped (h, 3) bool.
     """
     rows, columns = image.shape[0], image.shape[1]
     phases, taps = slope.shape
@@ -262,9 +262,9 @@ def refine(image, channel, place, slope, curvature, water, rest, spread, least, 
 def correct(u, gain, pull, noise, chosen, floor, slope_gain, water_gain, doubt, sigma):  # type: ignore[no-untyped-def]
     """Take the water's pull off the chosen columns, averaged over the neighbouring rows, and state sigma (h, 3), px.
 
-    Noise in place is averaged likewise, and is at least `floor`, that of a dark pixel; so is the scatter of neighbouring
-    rows, which holds what is no noise of pixels: texture, speckle, compression. doubt: share of a correction that
-    counts as error. slope_gain, water_gain: see Templates.
+    Noise in place is averaged likewise, and is at least `floor`, that of a dark pixel; so is the scatter of
+    neighbouring rows, which holds what is no noise of pixels: texture, speckle, compression. doubt: share of a
+    correction that counts as error. slope_gain, water_gain: see Templates.
     """
     rows = u.shape[0]
     row = np.empty(rows, np.int64)

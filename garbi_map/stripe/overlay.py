@@ -29,12 +29,12 @@ def draw_overlay(image: NDArray[np.uint8], found: Candidates) -> NDArray[np.uint
     height, width = coloured.shape[:2]
     picture = cv2.resize(coloured, (SCALE * width, SCALE * height), interpolation=cv2.INTER_NEAREST)
     row, number = np.nonzero(np.isfinite(found.u))
-    for r, u in zip(row, found.u[row, number], strict=True):
+    for r, u in zip(row.tolist(), found.u[row, number], strict=True):
         cv2.circle(picture, _at(u, r), 3, _CANDIDATE, 1)
     chosen = np.flatnonzero(found.chosen >= 0)
     pick = found.chosen[chosen]
-    rows = zip(chosen, found.u[chosen, pick], found.sigma[chosen, pick], found.saturated[chosen, pick], strict=True)
-    for r, u, sigma, clipped in rows:
+    columns = (chosen, found.u[chosen, pick], found.sigma[chosen, pick], found.saturated[chosen, pick])
+    for r, u, sigma, clipped in zip(*(values.tolist() for values in columns), strict=True):
         cv2.line(picture, _at(u - BAR * sigma, r), _at(u + BAR * sigma, r), _SIGMA, 1)
         cv2.circle(picture, _at(u, r), 1, _CLIPPED if clipped else _CHOICE, -1)
     text = f"{len(chosen)} of {height} rows, width {found.spread:.2f} px, noise {found.noise:.1f}"

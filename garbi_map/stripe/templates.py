@@ -43,10 +43,10 @@ class Templates:
 def templates(spread: float) -> Templates:
     """The kernels for a Gaussian stripe of 1 sigma `spread` px.
 
-    The lit water ends at the stripe, so that it is one-sided, and pulls the zero crossing to its side. It is as soft there
-    as the stripe is wide, as both are the laser's thickness and the lens's blur. `water` is the kernel of least noise that
-    responds to every member of such a family (several softnesses and decays, either side, a sloping background) as
-    `slope` does, and not at all to the stripe, wherever it is, nor to its halo.
+    The lit water ends at the stripe, so that it is one-sided, and pulls the zero crossing to its side. It is as soft
+    there as the stripe is wide, as both are the laser's thickness and the lens's blur. `water` is the kernel of least
+    noise that responds to every member of such a family (several softnesses and decays, either side, a sloping
+    background) as `slope` does, and not at all to the stripe, wherever it is, nor to its halo.
     """
     core = int(np.ceil(4.0 * spread))
     reach = core + WINGS
@@ -76,7 +76,10 @@ def templates(spread: float) -> Templates:
         for table, kernel in zip(tables, (slope, curvature, water, rest / np.linalg.norm(rest)), strict=True):
             table[phase] = kernel
         gains += np.linalg.norm(slope) / PHASES, np.linalg.norm(water) / PHASES
-    return Templates(spread, core, *tables, *gains.tolist())
+    slope_table, curvature_table, water_table, rest_table = tables
+    return Templates(
+        spread, core, slope_table, curvature_table, water_table, rest_table, float(gains[0]), float(gains[1])
+    )
 
 
 def _basis(profiles: NDArray, worth: float) -> NDArray[np.float64]:

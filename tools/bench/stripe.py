@@ -198,16 +198,23 @@ def real(data: Path) -> Table:
 
 
 def _residuals(stripe: Stripe) -> Iterator[float]:
-    """Robust rms about a line and about a parabola."""
+    """Robust rms about a line and about a parabola, of the plane that most of the rows lie on."""
+    row, u = stripe.row.astype(float), stripe.u.astype(float)
+    rng = np.random.default_rng(0)
+    best = np.zeros(len(row), bool)
+    for _ in range(300 if len(row) > 40 else 0):
+        i, j = np.sort(rng.choice(len(row), 2, replace=False))
+        slope = (u[j] - u[i]) / (row[j] - row[i])
+        near = np.abs(u - u[i] - slope * (row - row[i])) < 2.0
+        if near.sum() > best.sum():
+            best = near
     for degree in (1, 2):
-        keep = np.ones(len(stripe.row), bool)
-        for _ in range(4):
-            if keep.sum() < 20:
-                break
-            fit = np.polynomial.Polynomial.fit(stripe.row[keep], stripe.u[keep], degree)
-            off = stripe.u - fit(stripe.row)
-            keep = np.abs(off) < max(4.0 * 1.4826 * float(np.median(np.abs(off[keep]))), 0.05)
-        yield float(np.sqrt(np.mean(off[keep] ** 2))) if keep.sum() >= 20 else float("nan")
+        if best.sum() < 20:
+            yield float("nan")
+            continue
+        off = u[best] - np.polynomial.Polynomial.fit(row[best], u[best], degree)(row[best])
+        off = off[np.abs(off) < 4.0 * 1.4826 * np.median(np.abs(off))]
+        yield float(np.sqrt(np.mean(off**2)))
 
 
 def main() -> None:

@@ -1,4 +1,7 @@
-"""Other ways to find a stripe, for comparison only: each takes an image (h, w, 3) BGR and gives columns (h,), NaN for none."""
+"""Other ways to find a stripe, for comparison only.
+
+Each takes an image (h, w, 3) BGR and gives columns (h,), NaN for none.
+"""
 
 from __future__ import annotations
 
@@ -68,8 +71,8 @@ def steger(image: NDArray[np.uint8]) -> NDArray[np.float64]:
 
 
 def triangular(image: NDArray[np.uint8]) -> NDArray[np.float64]:
-    """Highest score of a triangular window along the row, its peak by a parabola: after the description of the Southampton
-    group's open pipeline (oplab_pipeline)."""
+    """Highest score of a triangular window along the row, its peak by a parabola: after the description of the
+    Southampton group's open pipeline (oplab_pipeline)."""
     green = image[:, :, 1].astype(np.float32)
     window = 1.0 - np.abs(np.arange(-REACH, REACH + 1)) / (REACH + 1.0)
     score = cv2.filter2D(green, -1, window[None, :].astype(np.float32))

@@ -53,12 +53,12 @@ def true_stripes(dive: Path, every: int) -> Iterator[TrueStripe]:
     truth = Trajectory(stamps, table[:, 1:4], table[:, 4:8], np.zeros((len(table), 6, 6)))
     mount = navigation.mount("rig")
     surface = o3d.t.geometry.RaycastingScene()
-    mesh = o3d.io.read_triangle_mesh(str(dive / "truth_seabed.ply"))
+    mesh = o3d.io.read_triangle_mesh(dive / "truth_seabed.ply")
     surface.add_triangles(o3d.t.geometry.TriangleMesh.from_legacy(mesh))
 
     def cast(origin: NDArray, direction: NDArray) -> NDArray:
         rays = np.concatenate([np.broadcast_to(origin, direction.shape), direction], axis=1).astype(np.float32)
-        return np.asarray(surface.cast_rays(o3d.core.Tensor(rays))["t_hit"].numpy(), float)
+        return np.asarray(surface.cast_rays(o3d.core.Tensor.from_numpy(rays))["t_hit"].numpy(), float)
 
     for number, image in enumerate(log.images()):
         alpha = angle.alpha(image.stamp_ns)
