@@ -9,14 +9,16 @@ from garbi_map.stripe.kernels import CANDIDATES, HEIGHT
 
 WATER_RATE, NOISE_RATE = 0.01, 0.05
 """Share of a row in the running means of the water's pull and of the noise."""
+_JUMP = 4.5
+"""Rows of stripe that a jump is worth: a piece between two jumps that is shorter than both is a particle."""
 
 
 @njit(cache=True, nogil=True)
 def choose(u, gain, largest_step, least_run, chosen):  # type: ignore[no-untyped-def]
     """The most likely path down the rows through the candidates (Viterbi), only in pieces of `least_run` rows.
 
-    A row may have none. A candidate earns its height relative to the image's own; a jump costs, but not without
-    bound, since depth has edges. chosen (h,) gets the candidate's number or -1.
+    A row may have none. To be there earns most, to be bright a little, so that a bright particle does not win over a dim
+    stripe; a jump costs, but not without bound, since depth has edges. chosen (h,) gets the candidate's number or -1.
     """
     rows = u.shape[0]
     typical = 0.0
@@ -39,7 +41,8 @@ def choose(u, gain, largest_step, least_run, chosen):  # type: ignore[no-untyped
             here = np.nan
             if s < CANDIDATES:
                 here = u[r, s]
-                earn = min(gain[r, s] / typical, 1.5) - 0.2 if not np.isnan(here) else -1e9
+                strength = min(gain[r, s] / typical, 1.0)
+                earn = 0.8 * min(4.0 * strength, 1.0) + 0.2 * strength if not np.isnan(here) else -1e9
             best = -1e18
             if r == 0:
                 best = earn
@@ -49,7 +52,7 @@ def choose(u, gain, largest_step, least_run, chosen):  # type: ignore[no-untyped
                     before = column[r - 1, p]
                     cost = 0.0
                     if s < CANDIDATES and not np.isnan(before) and not np.isnan(here):
-                        cost = min(abs(here - before) / largest_step, 3.0) * 0.5
+                        cost = min(max(abs(here - before) / largest_step - 1.0, 0.0), 3.0) * _JUMP / 3.0
                     value = score[r - 1, p] + earn - cost
                     if value > best:
                         best = value
