@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from garbi_map.rig import Rig
-from garbi_map.stripe import kernels
+from garbi_map.stripe import kernels, path_kernels
 from garbi_map.stripe.gate import BITS, gate_table
 from garbi_map.stripe.settings import StripeSettings
 from garbi_map.stripe.templates import templates
@@ -63,7 +63,7 @@ class StripeDetector:
         if self.settings.method == "paper":
             return self._by_paper(_planes(image), stamp_ns)
         found = self.candidates(image, alpha)
-        return Stripe(stamp_ns, *kernels.gather(found.u, found.sigma, found.gain, found.saturated, found.chosen))
+        return Stripe(stamp_ns, *path_kernels.gather(found.u, found.sigma, found.gain, found.saturated, found.chosen))
 
     def candidates(self, image: NDArray[np.uint8], alpha: float | None = None) -> Candidates:
         """Everything that may be the stripe, and which of it was chosen."""
@@ -98,8 +98,8 @@ class StripeDetector:
             saturated,
         )
         chosen = np.empty(rows, np.int64)
-        kernels.choose(u, gain, settings.largest_step, settings.least_run, chosen)
-        kernels.correct(
+        path_kernels.choose(u, gain, settings.largest_step, settings.least_run, chosen)
+        path_kernels.correct(
             u, gain, pull, rest, chosen, max(noise, _ROUNDING), kernel.slope_gain, kernel.water_gain, _DOUBT, sigma
         )
         return Candidates(u, sigma, gain, saturated, chosen, kernel.spread, noise)

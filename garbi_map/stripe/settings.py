@@ -33,6 +33,6 @@ class StripeSettings(Settings):
     width: float = Field(default=0.0, ge=0, le=20, description="1 sigma of the stripe, px; 0: learnt from each image")
     least_contrast: float = Field(default=10.0, gt=0, le=255, description="least peak above its surroundings, 0..255")
     significance: float = Field(default=5.0, gt=0, description="least peak above its surroundings, in noise sigmas")
-    least_run: int = Field(default=5, ge=1, description="a piece of the stripe of fewer rows is dropped")
+    least_run: int = Field(default=12, ge=1, description="a piece of the stripe of fewer rows is dropped")
     largest_step: float = Field(default=4.0, gt=0, description="most px between neighbouring rows of a piece")
     max_pixels: int = Field(default=50_000_000, ge=10_000, description="larger images are refused undecoded")
