@@ -58,7 +58,7 @@ def record_map(path: Path, dive: Dive, store: SweepStore, built: Map, mesh: Mesh
             mesh = triangulate(built.seabed, budget.triangles, dive.config.export.widest_hole)
         draw_surface(recording, mesh)
         send_sweeps(recording, dive, store, built, budget, shown)
-        lost = [*dive.log.losses, *dive.losses]
+        lost = dive.left_out
         send_losses(recording, lost or ["nothing was left out"], dive.log.begin_ns)
 
 
