@@ -15,7 +15,10 @@ from synthetic_navigation import BEGIN_NS, GRAVITY, derivative, seconds, stamps
 
 from garbi_map.evaluate import rigid_alignment
 from garbi_map.log.records import Dvl, Floats, Imu, Mount, Navigation, Pressure, Stamps
-from garbi_map.navigate import Trajectory
+from garbi_map.navigate import NavigateSettings, NavigationResult, Trajectory, navigate
+from garbi_map.navigate.deskew import place
+from garbi_map.register import Registered, RegisterSettings, register
+from garbi_map.register.settings import DriftSettings
 from garbi_map.sweep.store import SweepStore
 from garbi_map.sweep.types import Sweep
 
@@ -30,7 +33,7 @@ SWEEP = 2.0
 PROFILES = 20
 """per second"""
 RAYS = 80
-NOISE = 1e-3
+NOISE = 3e-4
 """m along the ray, 1 sigma"""
 
 _STONES = np.random.default_rng(77)
@@ -114,20 +117,21 @@ def dive(
     return Dive(store, log, floor)
 
 
-def sweep(number: int, floor: Floor, random: np.random.Generator) -> Sweep:
-    """What the scanner sees of the floor from SWEEP * number seconds on."""
-    t = SWEEP * number + np.arange(0.5 / PROFILES, SWEEP, 1 / PROFILES)
+def sweep(number: int, floor: Floor, random: np.random.Generator, finer: int = 1) -> Sweep:
+    """What the scanner sees of the floor from SWEEP * number seconds on; finer: times as many profiles and rays."""
+    profiles, rays = PROFILES * finer, RAYS * finer
+    t = SWEEP * number + np.arange(0.5 / profiles, SWEEP, 1 / profiles)
     alpha = np.deg2rad(20.0) * (2.0 * (t / SWEEP - number) - 1.0) * (-1) ** number
-    across = np.deg2rad(np.linspace(-17.0, 17.0, RAYS))
+    across = np.deg2rad(np.linspace(-17.0, 17.0, rays))
     ray = np.stack(
         [
-            np.broadcast_to(np.sin(alpha)[:, None], (len(t), RAYS)),
+            np.broadcast_to(np.sin(alpha)[:, None], (len(t), rays)),
             np.cos(alpha)[:, None] * np.sin(across),
             np.cos(alpha)[:, None] * np.cos(across),
         ],
         axis=-1,
     ).reshape(-1, 3)
-    profile = np.repeat(np.arange(len(t)), RAYS)
+    profile = np.repeat(np.arange(len(t)), rays)
     mount = MOUNTS["rig"]
     turned = (rotation(t) * Rotation.from_quat(mount.quaternion))[profile].apply(ray)
     origin = (position(t) + rotation(t).apply(mount.translation))[profile]
@@ -141,7 +145,7 @@ def sweep(number: int, floor: Floor, random: np.random.Generator) -> Sweep:
         sigma=np.full(n, NOISE, np.float32),
         intensity=np.full(n, 100.0, np.float32),
         profile=profile.astype(np.int32),
-        row=np.tile(np.arange(RAYS, dtype=np.int32), len(t)),
+        row=np.tile(np.arange(rays, dtype=np.int32), len(t)),
     )
 
 
@@ -153,13 +157,20 @@ def true_trajectory(stamp_ns: Stamps) -> Trajectory:
 
 def points_of(one: Dive, trajectory: Trajectory) -> Floats:
     """All points (n, 3) of a dive as a trajectory of base_link places them."""
-    mount, placed = MOUNTS["rig"], []
-    turned = Rotation.from_quat(mount.quaternion)
-    for each in one.store:
-        poses = trajectory.at(each.stamp_ns)
-        origin = poses.position + poses.rotation.apply(mount.translation)
-        placed.append((poses.rotation * turned)[each.profile].apply(each.points) + origin[each.profile])
-    return np.concatenate(placed)
+    rig = trajectory.mounted(MOUNTS["rig"])
+    return np.concatenate([place(each, rig) for each in one.store])
+
+
+def register_dive(one: Dive, **drift: float) -> tuple[Registered, NavigationResult]:
+    """The whole of the register room on a dive, with voxels for so coarse a scanner."""
+    navigate_settings = NavigateSettings()
+    navigated = navigate(one.log, navigate_settings, one.store.stamps())
+    settings = RegisterSettings(
+        drift=DriftSettings.model_validate(
+            {"surfel_size": 0.06, "coarse_surfel_size": 0.08, "surfel_points": 6} | drift
+        )
+    )
+    return register(one.store, one.log, navigated, settings, navigate_settings), navigated
 
 
 def floor_error(one: Dive, trajectory: Trajectory) -> float:

@@ -160,7 +160,7 @@ def test_the_derivatives_of_matches_are_those_of_the_distance_along_the_normal()
     assert distance == pytest.approx(np.median(np.abs(residual())))
     assert rows.matrix == pytest.approx(by_differences(motion, residual), abs=1e-7)
     lateral = np.linalg.norm(np.cross(mean_normal, surfels.mean[first] - surfels.mean[second]), axis=1)
-    assert rows.sigmas[0] == pytest.approx(np.hypot(1e-3, 0.12 * lateral), rel=1e-6)
+    assert rows.sigmas[0] == pytest.approx(np.hypot(1e-3, 0.03 * lateral), rel=1e-6)
 
 
 def test_a_settled_surfel_stays_where_it_is():

@@ -212,7 +212,7 @@ class Calm:
         self.measured = np.empty(0) if measured is None else measured
 
     def add(self, problem: NormalEquations, motion: Motion) -> None:
-        t = np.append(np.arange(motion.begin, motion.end, self.spacing), motion.end)
+        t = motion.instants(self.spacing)
         t = t[far_from(t, self.measured, self.spacing)]
         value = motion.position(t, self.derivative)
         for axis in range(3):

@@ -65,6 +65,10 @@ class Motion:
         """Number of unknowns."""
         return self.constants_offset + RUN
 
+    def instants(self, step: float) -> Floats:
+        """Evenly spaced times (n,) s from begin to end, both among them and at most `step` apart."""
+        return np.linspace(self.begin, self.end, int(np.ceil((self.end - self.begin) / step)) + 1)
+
     def position(self, t: Floats, derivative: int = 0) -> Floats:
         """Position (n, 3) m, velocity or acceleration at t (n,)."""
         return self.position_spline.value(self.position_control, t, derivative)
