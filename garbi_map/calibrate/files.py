@@ -111,7 +111,7 @@ def laser_document(found: LaserCalibration, known: Known) -> str:
 
 
 def _covariance(names: tuple[str, ...], covariance: Any) -> dict[str, Any]:
-    sigma = np.sqrt(np.diag(covariance)) if len(names) else []
+    sigma = np.sqrt(np.diag(covariance)) if len(names) else np.empty(0)
     return {
         "free": list(names),
         "sigma": dict(zip(names, sigma, strict=True)),

@@ -58,7 +58,8 @@ def write_laser_report(folder: Path, found: LaserCalibration, losses: Sequence[s
     along = np.column_stack([adjusted.stripe, np.zeros(len(place))])
     parts = [
         f"<p>{len(found.views)} poses of the target, {len(place)} points of the stripe: "
-        f"<b>{1e3 * found.rms:.2f} mm</b> rms off the sheet, <b>{1e3 * found.hold_out:.2f} mm</b> on images that were not fitted.</p>",
+        f"<b>{1e3 * found.rms:.2f} mm</b> rms off the sheet, "
+        f"<b>{1e3 * found.hold_out:.2f} mm</b> on images that were not fitted.</p>",
         _advice(advice, losses),
         f"<h2>Residuals, columns, magnified {MAGNIFIED:g} times</h2>",
         _vectors(place, along, adjusted.stripe_good, size),
