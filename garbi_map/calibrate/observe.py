@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -158,7 +159,7 @@ def _spans(log: Log, angle: LaserAngle | FixedAngle) -> list[tuple[int, int]]:
         stamps = [image.stamp_ns for image in log.images()]
         return [(stamp, stamp + 1) for stamp in stamps]
     edges = np.unique(np.concatenate([[log.begin_ns], angle.turns_ns, [log.end_ns + 1]]))
-    return [(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    return [(int(a), int(b)) for a, b in pairwise(edges)]
 
 
 def _one_sweep(
