@@ -105,8 +105,9 @@ def _truth(thing: Thing, world: World, dive: Dive) -> tuple[float, float, float]
         rays = np.array([view + a * across / 1.5 + b * up / 1.5 for a in aside for b in aside])
         length = np.linalg.norm(rays, axis=1, keepdims=True)
         reach, _ = dive.scene.cast(np.broadcast_to(eye, rays.shape).copy(), rays / length, dive.vehicle.time)
-        points = eye + rays / length * reach[:, None]
-        return float(np.median((points - eye) @ view)), np.nan, np.nan
+        met = np.isfinite(reach)
+        points = rays[met] / length[met] * reach[met, None]
+        return float(np.median(points @ view)), np.nan, np.nan
     if thing == "wall":
         block = world.still[0]
         assert isinstance(block, Block)
