@@ -193,9 +193,12 @@ def hit(
                             continue
                         e, f, g = (i + di) % shape[0], (j + dj) % shape[1], (k + dk) % shape[2]
                         fresh = hit_ms[e, f, g] == now or moving[e, f, g] == 1
-                        if since_ms[e, f, g] == NEVER or (hits[e, f, g] > 0 and not fresh):
-                            ever = False
-                        elif passes[e, f, g] < free_passes or now - since_ms[e, f, g] < free_time:
+                        if (
+                            since_ms[e, f, g] == NEVER
+                            or (hits[e, f, g] > 0 and not fresh)
+                            or passes[e, f, g] < free_passes
+                            or now - since_ms[e, f, g] < free_time
+                        ):
                             ever = False
         surprising[p] = ever
         if now - hit_ms[a, b, c] > 1000 and hits[a, b, c] < 3:

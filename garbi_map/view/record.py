@@ -24,7 +24,7 @@ from garbi_map.view.vehicle import draw_vehicle
 if TYPE_CHECKING:
     from rerun import RecordingStream
 
-    from garbi_map.pipeline import Dive, Map
+    from garbi_map.dive import Dive, Map
     from garbi_map.seabed import Mesh
     from garbi_map.sweep.store import SweepStore
 
