@@ -7,6 +7,8 @@ from numba import njit
 
 from garbi_map.stripe.kernels import CANDIDATES, HEIGHT
 
+_LAG = 3
+"""Rows between those whose scatter is measured: nearer ones share texture, and the lens's blur of it."""
 WATER_RATE, NOISE_RATE = 0.01, 0.05
 """Share of a row in the running means of the water's pull and of the noise."""
 _JUMP = 4.5
@@ -99,20 +101,21 @@ def correct(u, gain, pull, noise, chosen, floor, slope_gain, water_gain, doubt, 
         return
     lit = np.empty(n)
     power = np.empty(n)
-    bend = np.full(n, np.nan)
+    rough = np.full(n, np.nan)
     for i in range(n):
         r = row[i]
         k = chosen[r]
         lit[i] = pull[r, k]
         power[i] = noise[r, k] ** 2
-        if 0 < i < n - 1 and row[i + 1] - row[i - 1] == 2:
-            second = u[r - 1, chosen[r - 1]] - 2.0 * u[r, k] + u[r + 1, chosen[r + 1]]
-            bend[i] = second**2 / 6.0
+        if _LAG <= i < n - 2 * _LAG and row[i + 2 * _LAG] - row[i - _LAG] == 3 * _LAG:
+            a, b, c = r - _LAG, r + _LAG, r + 2 * _LAG
+            third = u[a, chosen[a]] - 3.0 * u[r, k] + 3.0 * u[b, chosen[b]] - u[c, chosen[c]]
+            rough[i] = third**2 / 20.0
     usual = max(_usual(power), floor * floor)
     lit_mean = _averaged(lit, row, 3.0 * water_gain * np.sqrt(usual), WATER_RATE)
     power_mean = _averaged(np.minimum(power, 12.0 * usual), row, 6.0 * usual, NOISE_RATE)
-    uneven = _usual(bend)
-    scatter = _averaged(np.minimum(bend, 12.0 * uneven), row, 6.0 * uneven, NOISE_RATE)
+    uneven = _usual(rough)
+    scatter = _averaged(np.minimum(rough, 12.0 * uneven), row, 6.0 * uneven, NOISE_RATE)
     for i in range(n):
         r = row[i]
         k = chosen[r]
