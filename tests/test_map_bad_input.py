@@ -263,6 +263,13 @@ def test_image_stamps_that_jump(shift: int, dive: Path, bad: Path, out: Path, ga
     assert report["counts"]["profiles"] == 146
 
 
+def test_seconds_count_from_the_first_stamp_that_is_believed(dive: Path, bad: Path, out: Path, garbi: Garbi) -> None:
+    """An image an hour early does not move the log's begin: --to means what it says."""
+    rewrite(dive, bad, restamp=lambda topic, at, stamp: stamp - HOUR * (topic == IMAGE and 1.0 < at < 1.28))
+    report = mapped(garbi("map", bad, "-o", out, "--to", 4), out, f"{IMAGE}: 6 images left out")
+    assert report["counts"]["profiles"] == 74
+
+
 def test_clock_that_is_set_in_the_middle(dive: Path, bad: Path, out: Path, garbi: Garbi) -> None:
     """Every stamp after 5 s is an hour late: the part before is mapped, the topics of the rest are named."""
     rewrite(dive, bad, restamp=lambda topic, at, stamp: stamp + HOUR * (at > 5))
