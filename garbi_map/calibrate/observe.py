@@ -130,8 +130,7 @@ def sweeps_of(
         angle = FixedAngle(fixed_angle)
     else:
         raise GarbiError(
-            "the log has no encoder: name its topic in log.topics.encoder, "
-            "or give laser.fixed_angle in the rig file if the laser has no motor"
+            "the log has no encoder: name its topic in log.topics.encoder, or say --no-motor if the laser does not turn"
         )
     losses: list[str] = []
     gathered = _Gathered([], [], losses)

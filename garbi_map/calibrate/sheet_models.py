@@ -193,5 +193,7 @@ def window_distance(window: Floats, points: Floats, source: Floats) -> Floats:
     axis = np.ascontiguousarray(np.stack([first, sheet, np.cross(first, sheet)], axis=1))
     apex = source + offset * normal
     pane = np.array([0.0, *out, PANE_DISTANCE, PANE_THICKNESS, INDEX_GLASS, INDEX_WATER])
-    sine = off_sheet(np.ascontiguousarray(points), np.zeros(len(points)), 0.0, 0.0, axis, apex, pane)
-    return np.nan_to_num(sine * np.linalg.norm(points - apex, axis=1), nan=1.0)
+    zero, step = np.zeros(len(points)), 1e-4
+    shifted = [np.ascontiguousarray(points + k * step * sheet) for k in (-1.0, 0.0, 1.0)]
+    behind, sine, ahead = (off_sheet(part, zero, 0.0, 0.0, axis, apex, pane) for part in shifted)
+    return np.nan_to_num(sine * 2.0 * step / (ahead - behind), nan=1.0)
