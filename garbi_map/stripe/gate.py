@@ -10,7 +10,7 @@ from garbi_map.stripe.settings import GateSettings, StripeSettings
 BITS = 5
 """Bits of each channel that index the table: 32 kB, which stays in the processor's first cache."""
 
-HUES = {"red": (-30.0, 30.0), "green": (90.0, 180.0), "blue": (200.0, 280.0)}
+HUES = {"red": (-50.0, 35.0), "green": (90.0, 180.0), "blue": (200.0, 280.0)}
 
 
 def gate_table(settings: StripeSettings) -> NDArray[np.uint8]:

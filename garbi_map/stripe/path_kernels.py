@@ -7,6 +7,8 @@ from numba import njit
 
 from garbi_map.stripe.kernels import CANDIDATES, HEIGHT
 
+_GAP = 3
+"""Rows that may be missing inside a piece."""
 _LAG = 3
 """Rows between those whose scatter is measured: nearer ones share texture, and the lens's blur of it."""
 WATER_RATE, NOISE_RATE = 0.01, 0.05
@@ -19,8 +21,9 @@ _JUMP = 4.5
 def choose(u, gain, largest_step, least_run, chosen):  # type: ignore[no-untyped-def]
     """The most likely path down the rows through the candidates (Viterbi), only in pieces of `least_run` rows.
 
-    A row may have none. To be there earns most, to be bright a little, so that a bright particle does not win over a dim
-    stripe; a jump costs, but not without bound, since depth has edges. chosen (h,) gets the candidate's number or -1.
+    A row may have none. To be there earns most, to be bright a little, so that a bright particle does not win over a
+    dim stripe; a jump costs, but not without bound, since depth has edges. chosen (h,) gets the candidate's number or
+    -1.
     """
     rows = u.shape[0]
     typical = 0.0
@@ -67,18 +70,22 @@ def choose(u, gain, largest_step, least_run, chosen):  # type: ignore[no-untyped
         s = back[r, s]
     begin = 0
     while begin < rows:
-        if chosen[begin] < 0:
-            begin += 1
-            continue
         end = begin
-        while end + 1 < rows and chosen[end + 1] >= 0:
-            if abs(u[end + 1, chosen[end + 1]] - u[end, chosen[end]]) > largest_step:
+        found = 0
+        last = -1
+        while end < rows and (last < 0 or end - last <= _GAP):
+            k = chosen[end]
+            if k >= 0:
+                if last >= 0 and abs(u[end, k] - u[last, chosen[last]]) > largest_step:
+                    break
+                last = end
+                found += 1
+            elif last < 0:
                 break
             end += 1
-        if end - begin + 1 < least_run:
-            for r in range(begin, end + 1):
-                chosen[r] = -1
-        begin = end + 1
+        if 0 < found < least_run:
+            chosen[begin : last + 1] = -1
+        begin = max(last, begin) + 1
 
 
 @njit(cache=True, nogil=True)
