@@ -109,7 +109,8 @@ class AttitudeCorrection:
         n = len(t)
         theta = motion.correction(t)
         rate, matrix = self._rate_residual(motion)
-        sigma: Floats = np.where(self._told(t), self.sigma, _UNKNOWN_TURNING)
+        sigma = np.full(n, _UNKNOWN_TURNING)
+        sigma[self._told(t)] = self.sigma
         # one bias-like error for the dive, not one for each time: the rows share their information
         shared = np.sqrt(max(n / 4.0, 1.0))
         for axis in range(3):
