@@ -31,7 +31,7 @@ from garbi_map.seabed import triangulate
 from garbi_map.sweep.store import SweepStore
 
 if TYPE_CHECKING:
-    from garbi_map.pipeline import Dive, Map
+    from garbi_map.dive import Dive, Map
 
 _LIBRARIES = (
     "numpy",
@@ -71,7 +71,7 @@ def write_outputs(out: Path, dive: Dive, store: SweepStore, built: Map, started:
     progress.advance()
     write_seabed_tif(out / "seabed.tif", built.seabed)
     progress.advance()
-    mesh = triangulate(built.seabed, dive.config.export.max_triangles)
+    mesh = triangulate(built.seabed, dive.config.export.max_triangles, dive.config.export.widest_hole)
     write_glb(out / "seabed.glb", mesh)
     progress.advance()
     write_hillshade(out / "hillshade.png", built.seabed, dive.config.export, title=dive.paths[0].stem)

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from garbi_map.view.style import TIMELINE
-from garbi_map.view.viewer import viewer_binary
+from garbi_map.view.viewer import check_recording, viewer_binary
 
-SETTLED = 1.5
+SETTLED = 1.2
 """s in which a changed picture is drawn by a slow graphics driver."""
 
 
@@ -65,7 +65,11 @@ class HeadlessViewer:
 
 @contextmanager
 def headless(recording: Path) -> Iterator[HeadlessViewer]:
-    """A viewer with a recording in it, loaded. Raises RuntimeError where the machine has no graphics, not even slow ones."""
+    """A viewer with a recording in it, loaded.
+
+    Raises GarbiError where there is no recording, RuntimeError where the machine has no graphics, not even slow ones.
+    """
+    check_recording(recording)
     os.environ.setdefault("RERUN_ANALYTICS", "0")
     from rerun.experimental import ViewerClient
 

@@ -123,7 +123,7 @@ class Bundle:
         for turn in range(4):
             robust = turn < 2
             evaluate, jacobian = self._problem(good)
-            x = minimise(evaluate, jacobian, x, robust)
+            x = minimise(evaluate, jacobian, x, robust, len(self._prior_rows()[1]))
             corner, stripe = self.residuals(*self._at(x))
             self.sigma = self._noise(corner, stripe, good, None if robust else jacobian(x))
             if turn < 3:
@@ -148,7 +148,10 @@ class Bundle:
         return scanner, self.poses.moved(x[count:].reshape(-1, 6))
 
     def residuals(self, scanner: Scanner, poses: Poses) -> tuple[Floats, Floats]:
-        """Corners (n, 2) and stripes (s,), px."""
+        """Corners (n, 2) and stripes (s,), px.
+
+        A stripe's is the angle by which it misses the sheet over that angle per column: the column's own error, to
+        second order, as long as both are differentiated."""
         stripe = np.empty(0)
         if self.stripes is not None:
             stripe = stripe_offsets(scanner, poses, self.stripes) / stripe_scale(scanner, poses, self.stripes)
@@ -167,13 +170,9 @@ class Bundle:
 
         def jacobian(x: Floats) -> csr_array:
             scanner, poses = self._at(x)
-            scale = None if self.stripes is None else stripe_scale(scanner, poses, self.stripes)
 
             def both(scanner: Scanner, poses: Poses) -> Floats:
-                stripe = np.empty(0)
-                if self.stripes is not None and scale is not None:
-                    stripe = np.nan_to_num(stripe_offsets(scanner, poses, self.stripes) / scale, nan=UNSEEN)
-                return stacked(corner_residuals(scanner, poses, self.corners), stripe)
+                return stacked(*self.residuals(scanner, poses))
 
             seen = [np.repeat(self.corners.view[corner_good], 2)]
             if self.stripes is not None:

@@ -20,17 +20,22 @@ def minimise(
     jacobian: Callable[[Floats], csr_array],
     start: Floats,
     robust: bool = False,
+    trusted: int = 0,
 ) -> Floats:
-    """x that minimises the squares of the residuals evaluate(x) (n,), in sigmas; robust: Huber's cost instead.
+    """x that minimises the squares of the residuals evaluate(x) (n,), in sigmas.
 
+    robust: Huber's cost instead, but for the last `trusted` residuals, which are priors.
     jacobian(x) (n, k), sparse. Returns the best x that was reached.
     """
     x, damping = np.array(start, float), 1e-4
     residual = evaluate(x)
-    cost = _cost(residual, robust)
+    cost = _cost(residual, robust, trusted)
     for _ in range(STEPS):
         slope = jacobian(x)
-        weight = np.minimum(1.0, HUBER / np.maximum(np.abs(residual), 1e-12)) if robust else np.ones_like(residual)
+        weight = np.ones_like(residual)
+        if robust:
+            doubted = np.abs(residual[: len(residual) - trusted])
+            weight[: len(doubted)] = np.minimum(1.0, HUBER / np.maximum(doubted, 1e-12))
         normal = (slope.T @ diags_array(weight) @ slope).toarray()
         right = slope.T @ (weight * residual)
         scale = np.sqrt(np.maximum(np.diag(normal), 1e-30))
@@ -39,7 +44,7 @@ def minimise(
         for _ in range(12):
             step = -scipy.linalg.solve(scaled + damping * np.eye(len(x)), right / scale, assume_a="pos") / scale
             residual_new = evaluate(x + step)
-            cost_new = _cost(residual_new, robust)
+            cost_new = _cost(residual_new, robust, trusted)
             if cost_new < cost:
                 improved = True
                 break
@@ -67,8 +72,9 @@ def covariance_of(slope: csr_array) -> Floats:
     return covariance
 
 
-def _cost(residual: Floats, robust: bool) -> float:
+def _cost(residual: Floats, robust: bool, trusted: int) -> float:
     if not robust:
         return float(residual @ residual)
-    size = np.abs(residual)
-    return float(np.where(size <= HUBER, size**2, 2 * HUBER * size - HUBER**2).sum())
+    doubted, prior = np.split(np.abs(residual), [len(residual) - trusted])
+    huber = np.where(doubted <= HUBER, doubted**2, 2 * HUBER * doubted - HUBER**2)
+    return float(huber.sum() + prior @ prior)

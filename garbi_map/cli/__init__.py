@@ -6,6 +6,7 @@ import importlib
 import os
 import pkgutil
 import sys
+from importlib.metadata import entry_points
 
 from garbi_map.cli.app import app
 from garbi_map.errors import GarbiError
@@ -25,6 +26,8 @@ def main() -> None:
     """
     for module in sorted(pkgutil.iter_modules(__path__), key=lambda found: found.name):
         importlib.import_module(f"{__name__}.{module.name}")
+    for command in sorted(entry_points(group="garbi.commands"), key=lambda found: found.name):
+        command.load()  # commands of packages that build on this one, which it does not know
     try:
         app()
     except GarbiError as error:

@@ -21,7 +21,7 @@ def pose_covariances(motion: Motion, problem: NormalEquations, t: Floats) -> tup
     where it fits best (inner constraints: Baarda's S-transformation, 1973), that is the error inside the map.
     """
     full = problem.covariance()
-    knots = np.append(np.arange(motion.begin, motion.end, _STEP), motion.end)
+    knots = motion.instants(_STEP)
     n = len(knots)
     columns, rows = _design(motion, knots)
     absolute = rows @ full[columns[:, :, None], columns[:, None, :]] @ rows.transpose(0, 2, 1)

@@ -50,7 +50,9 @@ _NEAR = 9
 """Rounds that stay near in time: what they find is true locally, wherever the vehicle is."""
 _RESTRAINED = 4
 """Rounds in which a prior on the velocity keeps the inertial solution from running away."""
-_LATERAL = 0.12
+_FINE = (1.0, 0.6)
+"""Sizes of the surfels of the last rounds: large ones are surer of their normal, small ones follow the relief."""
+_LATERAL = 0.03
 """How much a surface leaves its tangent plane: a match is that share of its lateral offset less sure."""
 
 
@@ -119,8 +121,11 @@ def estimate_drift(
             factor.add(problem, motion)
         if k < _RESTRAINED:
             restraint.add(problem, motion)
-        surfels = scans.surfels(motion, sizes[k], settings.surfel_points)
-        matches, distance = add_matches(problem, motion, surfels, gates[k], _REACH[k], sigmas[k], elsewhere)
+        matches, distance = 0, 0.0
+        for fraction in _FINE if k >= count - 4 else (1.0,):
+            surfels = scans.surfels(motion, sizes[k] * fraction, settings.surfel_points)
+            found, distance = add_matches(problem, motion, surfels, gates[k], _REACH[k], sigmas[k], elsewhere)
+            matches += found
         step = problem.solve()
         motion.step(step)
         for factor in factors:

@@ -120,6 +120,7 @@ class AttitudeCorrection:
             problem.add(rate[:, axis], sigma, runs, cauchy=4.0)
 
     def _told(self, t: Floats) -> NDArray[np.bool_]:
+        """Where (n,) the gyro speaks."""
         if self.gyro is None:
             return np.zeros(len(t), bool)
         return ~far_from(t, self.gyro, _SILENCE)
@@ -211,7 +212,7 @@ class Calm:
         self.measured = np.empty(0) if measured is None else measured
 
     def add(self, problem: NormalEquations, motion: Motion) -> None:
-        t = np.append(np.arange(motion.begin, motion.end, self.spacing), motion.end)
+        t = motion.instants(self.spacing)
         t = t[far_from(t, self.measured, self.spacing)]
         value = motion.position(t, self.derivative)
         for axis in range(3):

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
+from garbi_map.errors import GarbiError
 from garbi_map.log.records import Navigation
 from garbi_map.navigate import NavigationResult, Trajectory
 from garbi_map.navigate.settings import NavigateSettings
@@ -62,9 +63,15 @@ def register(
     """One consistent trajectory for all sweeps of a store.
 
     The result begins where the navigation filter's trajectory begins.
+    Raises GarbiError where the sweeps do not span any time.
     """
     mount = log.mount("rig")
     stamps = store.stamps()
+    if len(stamps) < 2 or stamps[-1] <= stamps[0]:
+        raise GarbiError(
+            f"registration: the sweeps hold {len(stamps)} profile(s), too few for a trajectory; "
+            "see what was left out of them with `garbi sweep`"
+        )
     prior = navigated.trajectory
     sensors = Sensors(log, prior, navigated.inertial, navigated.attitude, navigate, int(stamps[0]))
     span = (0.0, float((stamps[-1] - stamps[0]) * 1e-9))

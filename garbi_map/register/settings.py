@@ -18,7 +18,7 @@ class DriftSettings(Settings):
     surfel_points: int = Field(8, ge=4, description="fewest points of a surfel")
     gate: float = Field(0.01, gt=0.001, description="largest distance between matched surfels in the last round, m")
     coarse_gate: float = Field(0.06, gt=0.001, description="largest distance between matched surfels at first, m")
-    match_sigma: float = Field(5e-4, gt=0, description="1 sigma of a match in the last round, m")
+    match_sigma: float = Field(2.5e-4, gt=0, description="1 sigma of a match in the last round, m")
     coarse_match_sigma: float = Field(4e-3, gt=0, description="1 sigma of a match in the first round, m")
 
 

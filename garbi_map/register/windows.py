@@ -139,7 +139,7 @@ def _solve(
         scans = load_scans(store, mount, sensors, begin, end, settings.window_points)
         motion = Motion(begin, end, sensors.prior_attitude, settings.position_knots, sensors.attitude_knots(settings))
         if start is not None:
-            t = np.arange(begin, end, _OUTPUT_STEP)
+            t = motion.instants(_OUTPUT_STEP)
             motion.fit(t, *start.at(t))
         anchor = None if solution is None else _anchor(solution.path, motion)
         origin = None
@@ -187,7 +187,7 @@ def _anchor(path: Path, motion: Motion) -> Anchor | None:
 
 
 def _sample(motion: Motion, problem: NormalEquations) -> Path:
-    t = np.append(np.arange(motion.begin, motion.end, _OUTPUT_STEP), motion.end)
+    t = motion.instants(_OUTPUT_STEP)
     return Path(t, motion.position(t), motion.rotation(t).as_quat(), *pose_covariances(motion, problem, t))
 
 

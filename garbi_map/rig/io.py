@@ -46,6 +46,11 @@ def parse_camera(text: str, where: str) -> Camera:
     return _camera(_document(text, where).section("camera"))
 
 
+def parse_laser(text: str, where: str, key: str = "laser") -> Laser:
+    """The laser of a rig file, or of another section of it. Raises GarbiError for what is missing or absurd."""
+    return _laser(_document(text, where).section(key))
+
+
 def _document(text: str, where: str) -> _Section:
     try:
         document = yaml.safe_load(text)
@@ -56,22 +61,28 @@ def _document(text: str, where: str) -> _Section:
 
 def dump_rig(rig: Rig) -> str:
     """The YAML text of a rig. What its file held besides is written too."""
-    camera, laser = rig.camera, rig.laser
-    known: dict[str, Any] = {
-        "camera": {
-            "frame_id": camera.frame_id,
-            "image_width": camera.width,
-            "image_height": camera.height,
-            "distortion_model": "plumb_bob",
-            "intrinsics": {"alpha_u": camera.alpha_u, "alpha_v": camera.alpha_v, "u0": camera.u0, "v0": camera.v0},
-            "distortion": list(camera.distortion),
-            "pose_in_rig": {"xyz": list(camera.position), "quaternion_xyzw": list(camera.quaternion)},
-        },
-        "laser": {key: getattr(laser, key) for key in ("joint", "x", "y", "z", "delta", "theta", "gamma", "beta")},
+    known = {"camera": camera_entries(rig.camera), "laser": laser_entries(rig.laser)}
+    extra = copy.deepcopy(dict(rig.extra))
+    for section, optional in (("camera", "port"), ("laser", "fixed_angle"), ("laser", "window")):
+        if optional not in known[section] and section in extra:
+            extra[section].pop(optional, None)
+    return yaml.safe_dump(_over(known, extra), sort_keys=False)
+
+
+def camera_entries(camera: Camera) -> dict[str, Any]:
+    """The section `camera` of a rig file."""
+    entries: dict[str, Any] = {
+        "frame_id": camera.frame_id,
+        "image_width": camera.width,
+        "image_height": camera.height,
+        "distortion_model": "plumb_bob",
+        "intrinsics": {"alpha_u": camera.alpha_u, "alpha_v": camera.alpha_v, "u0": camera.u0, "v0": camera.v0},
+        "distortion": list(camera.distortion),
+        "pose_in_rig": {"xyz": list(camera.position), "quaternion_xyzw": list(camera.quaternion)},
     }
     if camera.port is not None:
         port = camera.port
-        known["camera"]["port"] = {
+        entries["port"] = {
             "kind": "flat",
             "normal": list(port.normal),
             "distance": port.distance,
@@ -79,15 +90,17 @@ def dump_rig(rig: Rig) -> str:
             "index_glass": port.index_glass,
             "index_water": port.index_water,
         }
+    return entries
+
+
+def laser_entries(laser: Laser) -> dict[str, Any]:
+    """The section `laser` of a rig file."""
+    entries = {key: getattr(laser, key) for key in ("joint", "x", "y", "z", "delta", "theta", "gamma", "beta")}
     if laser.fixed_angle is not None:
-        known["laser"]["fixed_angle"] = laser.fixed_angle
+        entries["fixed_angle"] = laser.fixed_angle
     if laser.window is not None:
-        known["laser"]["window"] = _plain_window(laser.window)
-    extra = copy.deepcopy(dict(rig.extra))
-    for section, optional in (("camera", "port"), ("laser", "fixed_angle"), ("laser", "window")):
-        if optional not in known[section] and section in extra:
-            extra[section].pop(optional, None)
-    return yaml.safe_dump(_over(known, extra), sort_keys=False)
+        entries["window"] = _plain_window(laser.window)
+    return entries
 
 
 def _over(known: Mapping[str, Any], extra: Mapping[str, Any]) -> dict[str, Any]:

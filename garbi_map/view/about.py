@@ -5,23 +5,29 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from garbi_map.view import style
 
 if TYPE_CHECKING:
+    from garbi_map.dive import Dive, Map
     from garbi_map.log import Log
-    from garbi_map.pipeline import Dive, Map
 
 
 def about_map(dive: Dive, built: Map) -> str:
     """Markdown: what the map is worth, and what the screen shows."""
-    before, after = built.registered.disagreement
+    before, after = (1e3 * distance for distance in built.registered.disagreement)
     seconds = (dive.log.end_ns - dive.log.begin_ns) * 1e-9
+    overlap = "No two sweeps of the laser overlap, so that nothing checks the path."
+    if np.isfinite([before, after]).all():
+        overlap = (
+            f"Where sweeps of the laser overlap they lie **{after:.2f} mm** apart; "
+            f"with the navigation sensors alone it would be {before:.1f} mm."
+        )
     colours = "; ".join(f"*{one.name}*: {one.meaning}" for one in style.COLOURINGS)
     things = (style.ROUTE, style.ROUTE_NAVIGATION, style.PROFILE, style.SHEET, style.STRIPE, style.POSE_SIGMA)
     return f"""\
-**{built.seabed.area:.1f} m² of seabed in {seconds:.0f} s.** Where sweeps of the laser overlap they lie
-**{1e3 * after:.2f} mm** apart; with the navigation sensors alone it would be {1e3 * before:.1f} mm.
-{built.registered.loops} loop closures.
+**{built.seabed.area:.1f} m² of seabed in {seconds:.0f} s**, {built.registered.loops} loop closures. {overlap}
 
 An underwater vehicle swings a sheet of laser light over the seabed, and its camera sees where the light falls.
 Press play, or drag the time below: the map grows as the vehicle scans. {_legend(things)}

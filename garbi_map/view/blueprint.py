@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 SURFACE = "Surface"
 _FROM = np.array([-0.42, -0.58, 0.46])
 """Where the first look comes from, in sizes of the scene: astern, from starboard, above."""
+_VEHICLE = 0.45
+"""m from the vehicle's centre to its outside."""
 _LATELY = 4.0
 """s of profiles that are seen at once in a log."""
 
@@ -119,8 +121,8 @@ def _scene(name: str, without: list[str], eye: EyeControls3D, overrides: Mapping
 def _first_look(seabed: NDArray, route: NDArray) -> EyeControls3D:
     import rerun.blueprint as rrb
 
-    low = np.minimum(seabed.min(axis=0), route.min(axis=0))
-    high = np.maximum(seabed.max(axis=0), route.max(axis=0))
+    low = np.minimum(seabed.min(axis=0), route.min(axis=0) - _VEHICLE)
+    high = np.maximum(seabed.max(axis=0), route.max(axis=0) + _VEHICLE)
     target = (low + high) / 2
     return rrb.EyeControls3D(
         position=target + float(np.linalg.norm(high - low)) * _FROM, look_target=target, eye_up=(0, 0, 1)

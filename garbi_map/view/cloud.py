@@ -31,7 +31,7 @@ class FinishedMap:
 
     @classmethod
     def of(cls, seabed: Seabed) -> FinishedMap:
-        """Raises GarbiError nowhere: a seabed holds at least one cell."""
+        """The ramps that suit a seabed."""
         known = seabed.known
         return cls(
             seabed,

@@ -61,8 +61,11 @@ def style_stripe(recording: RecordingStream) -> None:
 def send_stripes(
     recording: RecordingStream, stamp_ns: NDArray[np.int64], pixels: NDArray, lengths: NDArray[np.int64]
 ) -> None:
-    """The stripes of images at stamps (m,): pixels (n, 2), of which the first lengths[0] belong to the first image."""
+    """The stripes of images at stamps (m,): pixels (n, 2), of which the first lengths[0] belong to the first image.
+
+    The centre of the first pixel is at 0, 0 for us and at 0.5, 0.5 in the viewer.
+    """
     import rerun as rr
 
-    rows = rr.Points2D.columns(positions=pixels.astype(np.float32)).partition(lengths)
+    rows = rr.Points2D.columns(positions=(pixels + 0.5).astype(np.float32)).partition(lengths)
     recording.send_columns(style.STRIPE.path, at(stamp_ns), rows)

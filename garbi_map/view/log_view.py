@@ -13,12 +13,13 @@ from garbi_map.config import Config
 from garbi_map.errors import GarbiError
 from garbi_map.log import Image, Log, Mount, Navigation
 from garbi_map.rig import Rig
-from garbi_map.stripe import Stripe, StripeDetector, detect_all
+from garbi_map.stripe import ImageLosses, Stripe, StripeDetector, detect_all
 from garbi_map.sweep import laser_angle
 from garbi_map.view import style
 from garbi_map.view.about import about_log
 from garbi_map.view.images import send_image, send_stripes, style_stripe
 from garbi_map.view.losses import send_losses
+from garbi_map.view.silence import Silence
 from garbi_map.view.stream import at, name_curves, send_curves
 from garbi_map.view.thin import thinned
 from garbi_map.view.vehicle import draw_profiles, draw_vehicle
@@ -39,7 +40,7 @@ _PLOTS = (style.ENCODER, style.STRENGTH, style.ATTITUDE, style.DEPTH, style.VELO
 
 def first_depth(log: Log, config: Config) -> float:
     """Depth, m, at which a log begins; 0 where it does not say."""
-    pressure = log.navigation(log.begin_ns, log.begin_ns + _WINDOW_NS).pressure
+    pressure = log.navigation(log.begin_ns, log.begin_ns + _MARGIN_NS).pressure
     return 0.0 if pressure is None else float(_depth(pressure.pressure[:1], config)[0])
 
 
@@ -56,7 +57,9 @@ def stream_log(
     for plot in _PLOTS:
         name_curves(recording, plot)
     style_stripe(recording)
+    silence = Silence()
     known: list[str] = []
+    losses = ImageLosses()
     drawn = False
     for begin, end in _windows(log):
         navigation = log.navigation(
@@ -66,11 +69,18 @@ def stream_log(
             draw_vehicle(recording, rig, navigation.mount("rig"))
             drawn = True
         _send_navigation(recording, navigation, config, begin, end)
-        _send_camera(recording, log, rig, navigation, config, begin, end, workers)
+        _send_camera(recording, log, rig, navigation, config, begin, end, workers, silence, losses)
+        for stamp_ns, line in silence.gaps(navigation, begin, end):
+            send_losses(recording, [line], stamp_ns)
         new = [line for line in log.losses if line not in known]
         known += new
         send_losses(recording, new, begin)
         yield end
+    for stamp_ns, line in silence.ends(log.end_ns):
+        send_losses(recording, [line], stamp_ns)
+    for line in losses.lines():
+        log.lose(line)
+    send_losses(recording, losses.lines(), log.end_ns)
 
 
 def _windows(log: Log) -> Iterator[tuple[int, int]]:
@@ -137,19 +147,22 @@ def _send_camera(
     begin: int,
     end: int,
     workers: int,
+    silence: Silence,
+    losses: ImageLosses,
 ) -> None:
     """Images as they come, the stripes of all of them at the window's end."""
 
     def images() -> Iterator[Image]:
-        for number, image in enumerate(log.images(begin, end)):
-            if number % config.view.every == 0:
+        for image in log.images(begin, end):
+            silence.image(image.stamp_ns)
+            if (silence.images - 1) % config.view.every == 0:
                 if config.view.images:
                     send_image(recording, image)
                 yield image
 
     angle = _angle(found, rig, config)
     detector = StripeDetector(config.stripe, rig)
-    stripes = list(detect_all(images(), detector, angle.alpha if angle else None, workers))
+    stripes = list(detect_all(images(), detector, angle.alpha if angle else None, workers, losses))
     recording.reset_time()
     if not stripes:
         return

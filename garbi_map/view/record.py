@@ -24,7 +24,7 @@ from garbi_map.view.vehicle import draw_vehicle
 if TYPE_CHECKING:
     from rerun import RecordingStream
 
-    from garbi_map.pipeline import Dive, Map
+    from garbi_map.dive import Dive, Map
     from garbi_map.seabed import Mesh
     from garbi_map.sweep.store import SweepStore
 
@@ -43,7 +43,7 @@ def record_map(path: Path, dive: Dive, store: SweepStore, built: Map, mesh: Mesh
     settings = dive.config.view
     ours = built.registered.trajectory
     seconds = float(ours.stamp_ns[-1] - ours.stamp_ns[0]) * 1e-9
-    layout = map_blueprint(mesh.vertices, ours.position, seconds / settings.shortest_film)
+    layout = map_blueprint(mesh.vertices, ours.position, seconds / settings.longest_film)
     with recording_file(path, dive.paths[0].stem, layout) as recording:
         recording.log(style.ABOUT, rr.TextDocument(about_map(dive, built), media_type="text/markdown"), static=True)
         draw_vehicle(recording, dive.rig, dive.navigation.mount("rig"))
@@ -55,7 +55,7 @@ def record_map(path: Path, dive: Dive, store: SweepStore, built: Map, mesh: Mesh
         profiles = sum(entry.profiles for entry in store.entries) // settings.every
         budget = share_out(dive.log.size, size, seconds, len(store), profiles, settings)
         if len(mesh.triangles) > budget.triangles:
-            mesh = triangulate(built.seabed, budget.triangles)
+            mesh = triangulate(built.seabed, budget.triangles, dive.config.export.widest_hole)
         draw_surface(recording, mesh)
         send_sweeps(recording, dive, store, built, budget, shown)
         lost = dive.left_out
@@ -75,7 +75,7 @@ def _draw_routes(recording: RecordingStream, dive: Dive, built: Map) -> None:
         recording.log(thing.path, rr.LineStrips3D([points], radii=radius, colors=[thing.colour]), static=True)
 
     steps = np.arange(ours.stamp_ns[0], ours.stamp_ns[-1] + 1, round(dive.config.view.ellipsoid_period * 1e9))
-    there = ours.at(steps[thinned(len(steps), _VERTICES // 20)])
+    there = built.registered.inside.at(steps[thinned(len(steps), _VERTICES // 20)])
     variance, axes = np.linalg.eigh(there.covariance[:, :3, :3])
     axes[:, :, 0] *= np.sign(np.linalg.det(axes))[:, None]  # eigenvectors may be left-handed
     ellipsoids = rr.Ellipsoids3D(

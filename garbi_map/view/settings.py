@@ -22,6 +22,6 @@ class ViewSettings(Settings):
     outlier_band: float = Field(
         default=0.03, gt=0.0, description="m off the finished surface, beyond its spread, up to which points are shown"
     )
-    shortest_film: float = Field(
-        default=60.0, gt=0.0, description="s that a dive plays at most; longer ones play faster"
+    longest_film: float = Field(
+        default=60.0, gt=0.0, description="s that a map plays at most; a longer dive plays faster"
     )

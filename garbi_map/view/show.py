@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 
 from garbi_map.config import Config
@@ -31,6 +32,7 @@ def recording_of(path: Path) -> Path | None:
 def show_recording(file: Path, web: bool, port: int) -> None:
     """Returns when the viewer is closed. Raises GarbiError where it cannot be opened."""
     with viewer(file, web, port) as opened:
+        _announce(opened)
         _wait(opened)
 
 
@@ -41,11 +43,13 @@ def show_log(path: Path, config: Config, rig_path: Path | None, web: bool, port:
         recording = new_recording(path.stem)
         recording.connect_grpc(opened.proxy, default_blueprint=log_blueprint(first_depth(log, config)))
         _announce(opened)
-        for _ in stream_log(recording, log, rig, config):
-            if not opened.open:
-                break
-        recording.flush(timeout_sec=10.0)
-        _wait(opened, announced=True)
+        try:
+            for _ in stream_log(recording, log, rig, config):
+                if not opened.open:
+                    break
+            _wait(opened)
+        finally:
+            recording.disconnect()  # before the viewer goes, or it complains
     return [*lost, *log.losses]
 
 
@@ -76,10 +80,6 @@ def _announce(opened: Viewer) -> None:
         print(f"open {opened.page}\nand end with Ctrl-C", flush=True)
 
 
-def _wait(opened: Viewer, announced: bool = False) -> None:
-    if not announced:
-        _announce(opened)
-    try:
+def _wait(opened: Viewer) -> None:
+    with suppress(KeyboardInterrupt):
         opened.process.wait()
-    except KeyboardInterrupt:
-        return

@@ -65,7 +65,7 @@ ROUNDS = "curves/rounds"
 ROUTE = Thing("map/route/registered", OURS, "orange line", "the vehicle's path, corrected by what the laser saw twice")
 ROUTE_NAVIGATION = Thing("map/route/navigation", NAVIGATION, "grey line", "the path from the navigation sensors alone")
 POSE_SIGMA = Thing(
-    "map/route/uncertainty", OURS, "orange ellipsoids", "uncertainty of the position, 1 sigma, 20 x larger"
+    "map/route/uncertainty", OURS, "orange ellipsoids", "how sure the path is within the map, 1 sigma, 20 x larger"
 )
 PROFILE = Thing("map/vehicle/rig/profile", LASER, "green points", "the profile that the camera sees at this moment")
 SHEET = Thing("map/vehicle/rig/sheet", LASER, "green fan", "the laser's sheet of light")

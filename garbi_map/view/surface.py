@@ -16,14 +16,17 @@ if TYPE_CHECKING:
 
 
 def draw_surface(recording: RecordingStream, mesh: Mesh) -> None:
-    """The mesh, coloured by depth."""
+    """The mesh, coloured by depth; half grey where it is interpolated over a hole."""
     import rerun as rr
 
+    colours = depth_colours(mesh.vertices[:, 2], *height_range(mesh.vertices[:, 2]))
+    grey = colours[mesh.filled].mean(axis=1, keepdims=True)
+    colours[mesh.filled] = (0.5 * colours[mesh.filled] + 0.5 * grey).astype(np.uint8)
     surface = rr.Mesh3D(
         vertex_positions=mesh.vertices.astype(np.float32),
         vertex_normals=vertex_normals(mesh),
         triangle_indices=mesh.triangles.astype(np.uint32),
-        vertex_colors=depth_colours(mesh.vertices[:, 2], *height_range(mesh.vertices[:, 2])),
+        vertex_colors=colours,
     )
     recording.log(style.MESH.path, surface, static=True)
 

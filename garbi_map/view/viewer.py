@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import signal
 import socket
 import subprocess
 import sys
 import tempfile
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -69,9 +71,9 @@ def viewer(file: Path | None, web: bool, port: int = WEB_PORT) -> Iterator[Viewe
     command = [str(viewer_binary()), "--bind", _HERE, "--port", str(data), "--hide-welcome-screen"]
     command += ["--serve-web", "--web-viewer-port", str(port)] if web else []
     command += [str(file)] if file else ["--expect-data-soon"]
-    with tempfile.TemporaryFile() as words:
+    with tempfile.TemporaryFile() as words, _terminated_in_order():
         quiet = {**os.environ, "RERUN_ANALYTICS": "0", "RUST_LOG": "error", "NO_COLOR": "1"}
-        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=words, env=quiet)
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=words, env=quiet, start_new_session=True)
         try:
             yield Viewer(process, proxy, page)
             if process.poll():
@@ -80,6 +82,23 @@ def viewer(file: Path | None, web: bool, port: int = WEB_PORT) -> Iterator[Viewe
             if process.poll() is None:
                 process.terminate()
                 process.wait()
+
+
+@contextmanager
+def _terminated_in_order() -> Iterator[None]:
+    """SIGTERM ends the block as an exception does, so that no viewer is left behind."""
+
+    def leave(*_: object) -> None:
+        raise SystemExit(128 + signal.SIGTERM)
+
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, leave)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def check_recording(path: Path) -> Path:

@@ -1,0 +1,98 @@
+"""`garbi calibrate`: camera, laser, and the target to print."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from garbi_map.cli.app import app
+
+calibrate = typer.Typer(help="Calibrate the camera and the laser sheet with a target.", no_args_is_help=True)
+app.add_typer(calibrate, name="calibrate")
+
+Target = Annotated[Path, typer.Option(help="target.yaml: what the target is")]
+Output = Annotated[Path, typer.Option("--output", "-o", help="the rig file to write")]
+Report = Annotated[Path | None, typer.Option(help="write report.html into this directory")]
+Config = Annotated[Path | None, typer.Option(help="configuration, YAML")]
+
+
+@calibrate.command("camera")
+def camera(
+    source: Annotated[list[Path], typer.Argument(help="images, directories of images, or one log")],
+    target: Target,
+    output: Output,
+    rig: Annotated[Path | None, typer.Option(help="a rig file to begin with: pose in the rig, port, laser")] = None,
+    camera_info: Annotated[Path | None, typer.Option(help="begin with this ROS camera_info file instead")] = None,
+    free: Annotated[
+        list[str] | None,
+        typer.Option(help="solve for this only (camera.alpha_u, camera.port.distance, ...); repeat it"),
+    ] = None,
+    write_camera_info: Annotated[Path | None, typer.Option(help="write a ROS camera_info file, too")] = None,
+    report: Report = None,
+    config: Config = None,
+) -> None:
+    """Intrinsics, distortion and port from views of a target; the rig file then lacks its laser."""
+    from garbi_map.calibrate import run
+
+    found, losses, advice = run.camera(
+        source, target, output, rig, camera_info, free, write_camera_info, report, config
+    )
+    typer.echo(
+        f"{len(found.views)} views: {found.in_sample:.3f} px rms per corner, {found.hold_out:.3f} on corners held out"
+    )
+    _end(losses, advice, output)
+
+
+@calibrate.command("laser")
+def laser(
+    log: Annotated[
+        Path, typer.Argument(help="a log that shows target and stripe at several poses, still in each sweep")
+    ],
+    target: Target,
+    rig: Annotated[Path, typer.Option(help="the rig file with the calibrated camera")],
+    output: Output,
+    free: Annotated[
+        list[str] | None, typer.Option(help="solve for this, too (laser.window.distance, ...); repeat it")
+    ] = None,
+    method: Annotated[
+        str, typer.Option(help="refined, linear (five columns) or paper (its equations, corrected)")
+    ] = "refined",
+    report: Report = None,
+    config: Config = None,
+) -> None:
+    """The sheet's parameters from the stripe on a target, with what they leave uncertain."""
+    from garbi_map.calibrate import run
+
+    found, losses, advice = run.laser(log, target, rig, output, free or [], method, report, config)
+    typer.echo(
+        f"{len(found.views)} poses of the target, {int(found.adjusted.stripe_good.sum())} points: "
+        f"{1e3 * found.rms:.2f} mm rms off the sheet, {1e3 * found.hold_out:.2f} on images held out"
+    )
+    for spread in found.spreads:
+        typer.echo(f"at {spread.depth:g} m: {1e3 * spread.rms:.2f} mm, 1 sigma over the image")
+    _end(losses, advice, output)
+
+
+@calibrate.command("target")
+def draw(
+    target: Annotated[Path, typer.Argument(help="target.yaml: what the target is")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="a .pdf or .svg file")],
+) -> None:
+    """A target to print at 100 %."""
+    from garbi_map.calibrate.drawing import write_drawing
+    from garbi_map.calibrate.targets import load_target
+
+    write_drawing(output, load_target(target))
+    typer.echo(f"{output}: print at 100 % on something flat, then measure a square and correct {target}")
+
+
+def _end(losses: list[str], advice: list[str], output: Path) -> None:
+    for line in advice:
+        typer.echo(f"advice: {line}")
+    for line in losses:
+        typer.echo(f"left out: {line}", err=True)
+    typer.echo(f"written: {output}")
+    if losses:
+        raise typer.Exit(3)

@@ -1,0 +1,19 @@
+"""One trial as a job that another process can take."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from tools.trials.avoidance import Outcome, run
+from tools.trials.stabilisation import Held
+from tools.trials.stabilisation import run as hold
+
+
+def avoid(job: tuple[int, Any, Any]) -> Outcome:
+    """(seed, controller, level)"""
+    return run(*job)
+
+
+def stay(job: tuple[Any, int]) -> Held:
+    """(object, seed)"""
+    return hold(*job)
