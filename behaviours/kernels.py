@@ -163,6 +163,7 @@ def carve_to_points(
 @njit(cache=True, nogil=True)
 def hit(
     points: Floats,
+    weight: NDArray[np.int64],
     voxel: float,
     low: NDArray[np.int64],
     shape: NDArray[np.int64],
@@ -171,7 +172,7 @@ def hit(
     free_time: int,
     layers: tuple,
 ) -> NDArray[np.bool_]:
-    """Mark the voxels of points (n, 3), odom; True (n,) where water that had long been free, with its neighbours, was hit."""
+    """Mark the voxels of points (n, 3), odom, each counting `weight` (n,) hits; True (n,) where water that had long been free, with its neighbours, was hit."""
     free_ms, hit_ms, since_ms, hits, passes, _, moving = layers
     n = points.shape[0]
     surprising = np.zeros(n, np.bool_)
@@ -203,7 +204,7 @@ def hit(
         surprising[p] = ever
         if now - hit_ms[a, b, c] > 1000 and hits[a, b, c] < 3:
             hits[a, b, c] = 0  # a lone flake of snow long ago does not add up
-        hits[a, b, c] = min(hits[a, b, c] + 1, 250)
+        hits[a, b, c] = min(hits[a, b, c] + weight[p], 250)
         hit_ms[a, b, c] = now
         if ever:
             moving[a, b, c] = 1

@@ -97,6 +97,7 @@ class AvoidanceSettings(Settings):
 
     priority: int = Field(100, description="larger dominates")
     notice: Positive = Field(0.9, description="distance from the hull at which it begins to act, m")
+    beside: Positive = Field(0.35, description="the same for what lies abeam, above or below, m")
     full: Positive = Field(0.45, description="distance at which it acts fully, m")
     speed: Positive = Field(0.12, description="of backing off, m/s")
     escape_time: Positive = Field(7.0, description="acts fully when a moving obstacle is this near, s")
@@ -129,8 +130,8 @@ class HoldSettings(Settings):
     jump: Positive = Field(0.3, description="a range that jumps farther than this is a glitch until it lasts, m")
     confirm: Positive = Field(2.0, description="a new target has to last this long, s")
     lost: Positive = Field(4.0, description="no fit for this long: the target is lost, s")
-    gains: tuple[Positive, Positive, Positive] = Field((1.6, 0.8, 0.5), description="range, yaw, pitch, 1/s")
-    damping: NotNegative = Field(0.8, description="of the measured speed, against waves")
+    gains: tuple[Positive, Positive, Positive] = Field((2.4, 0.8, 0.5), description="range, yaw, pitch, 1/s")
+    damping: NotNegative = Field(1.1, description="of the measured speed, against waves")
 
 
 class SurveySettings(Settings):

@@ -43,7 +43,7 @@ SAMPLES = {
         30.0,
         lambda t: 0.14 if t < 14.0 else 0.0 if t < 20.0 else -0.12,
         """\
-behaviours: {}
+behaviours: {avoidance: {notice: 1.6, full: 1.05}}
 expectations:
 - stops: {within: 0.6, distance: 1.0}
 - holds: {share: 0.9, distance: 1.0}
@@ -57,7 +57,7 @@ expectations:
         40.0,
         lambda t: 0.0,
         """\
-behaviours: {}
+behaviours: {avoidance: {notice: 1.6, full: 1.25}}
 expectations:
 - stops: {within: 0.6, distance: 1.2}
 - says: {text: something moving}
