@@ -30,16 +30,17 @@ class Avoidance:
         return Proposal(self.name, *best, priority=self.settings.priority)
 
     def _still(self, situation: Situation) -> list[tuple[float, Floats, str]]:
-        settings, nearby = self.settings, situation.nearby
+        settings, nearby, corridor = self.settings, situation.nearby, situation.corridor
         found = []
+        if corridor.end == "obstacle":
+            activation = (settings.notice - corridor.length) / (settings.notice - settings.full)
+            words = f"an obstacle {corridor.length:.2f} m ahead"
+            found.append((float(np.clip(activation, 0.0, 1.0)), np.array([1.0, 0.0, 0.0]), words))
         for distance, normal, unknown in zip(nearby.distance, nearby.normal, nearby.unknown, strict=True):
-            if unknown:
-                continue
-            activation = float(np.clip((settings.notice - distance) / (settings.notice - settings.full), 0.0, 1.0))
-            # What lies abeam, above or below matters only once it is close: the vehicle passes by.
-            activation *= 1.0 if normal[0] > 0.6 else float(np.clip(2.0 - distance / (0.5 * settings.full), 0.0, 1.0))
-            if activation > 0.0:
-                found.append((activation, normal, f"an obstacle at {max(distance, 0.0):.2f} m"))
+            # What the way does not lead into matters only once it is close: the vehicle passes by.
+            activation = float(np.clip(2.0 - 2.0 * distance / settings.beside, 0.0, 1.0))
+            if activation > 0.0 and not unknown:
+                found.append((activation, normal, f"an obstacle beside the hull at {max(distance, 0.0):.2f} m"))
         return found
 
     def _moving(self, situation: Situation) -> list[tuple[float, Floats, str]]:

@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from behaviours.angle import LiveAngle
 from behaviours.navigation import LiveNavigation
+from behaviours.pieces import solid
 from behaviours.settings import FeedSettings
 from behaviours.types import Pose, Profile
 from garbi_map.log.records import Floats, Mount, Navigation
@@ -152,6 +153,7 @@ class Intake:
             depth[good],
             points,
             stripe.intensity[good].astype(float),
+            *solid(stripe.row[good], depth[good], 1.0 / self.rig.camera.alpha_v),
             pose,
         )
 

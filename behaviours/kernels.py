@@ -163,6 +163,7 @@ def carve_to_points(
 @njit(cache=True, nogil=True)
 def hit(
     points: Floats,
+    weight: NDArray[np.int64],
     voxel: float,
     low: NDArray[np.int64],
     shape: NDArray[np.int64],
@@ -171,7 +172,7 @@ def hit(
     free_time: int,
     layers: tuple,
 ) -> NDArray[np.bool_]:
-    """Mark the voxels of points (n, 3), odom; True (n,) where water that had long been free, with its neighbours, was hit."""
+    """Mark the voxels of points (n, 3), odom, each counting `weight` (n,) hits; True (n,) where water that had long been free, with its neighbours, was hit."""
     free_ms, hit_ms, since_ms, hits, passes, _, moving = layers
     n = points.shape[0]
     surprising = np.zeros(n, np.bool_)
@@ -193,14 +194,17 @@ def hit(
                             continue
                         e, f, g = (i + di) % shape[0], (j + dj) % shape[1], (k + dk) % shape[2]
                         fresh = hit_ms[e, f, g] == now or moving[e, f, g] == 1
-                        if since_ms[e, f, g] == NEVER or (hits[e, f, g] > 0 and not fresh):
-                            ever = False
-                        elif passes[e, f, g] < free_passes or now - since_ms[e, f, g] < free_time:
+                        if (
+                            since_ms[e, f, g] == NEVER
+                            or (hits[e, f, g] > 0 and not fresh)
+                            or passes[e, f, g] < free_passes
+                            or now - since_ms[e, f, g] < free_time
+                        ):
                             ever = False
         surprising[p] = ever
         if now - hit_ms[a, b, c] > 1000 and hits[a, b, c] < 3:
             hits[a, b, c] = 0  # a lone flake of snow long ago does not add up
-        hits[a, b, c] = min(hits[a, b, c] + 1, 250)
+        hits[a, b, c] = min(hits[a, b, c] + weight[p], 250)
         hit_ms[a, b, c] = now
         if ever:
             moving[a, b, c] = 1

@@ -109,7 +109,7 @@ class Pilot:
         for profile in seen.profiles:
             if seen.pose is None:
                 continue
-            points = in_the_way(seen.pose.to_base(profile.points), self._half)
+            points = in_the_way(seen.pose.to_base(profile.points[profile.solid]), self._half)
             if len(points) >= 5:
                 nearest = min(nearest, float(np.sort(points[:, 0])[4] - self._half[0]))
         return nearest

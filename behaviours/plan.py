@@ -12,7 +12,8 @@ from behaviours.space import Space
 from behaviours.types import Pose
 from garbi_map.log.records import Floats
 
-UNSEEN_PRICE, NEAR_PRICE, CLIMB_PRICE = 1.5, 3.0, 1.6
+NEAR_PRICE, CLIMB_PRICE = 3.0, 1.6
+UNSEEN_PRICE, BLIND_PRICE, BLIND = 1.0, 8.0, 1.6  # what is unseen this near (m) will not come into view from here
 LAYER = 0.2  # m between heights
 
 
@@ -33,11 +34,14 @@ class Planner:
         heights = middle + LAYER * (np.arange(count) - count // 2)
         keep_off = self._half[1] + 0.38
         cost = np.empty(occupied.shape, np.float32)
+        i, j = np.indices(occupied.shape[1:], sparse=True)
+        own_cell = self._cell(space, pose.position, heights)
+        price = np.where(np.hypot(i - own_cell[1], j - own_cell[2]) * voxel < BLIND, BLIND_PRICE, UNSEEN_PRICE)
         for n in range(count):
             off = distance_transform_edt(~occupied[n]) * voxel if occupied[n].any() else np.full(occupied[n].shape, 9.0)
-            cost[n] = 1.0 + UNSEEN_PRICE * unknown[n] + NEAR_PRICE * np.clip(1.0 - (off - keep_off) / 0.6, 0.0, 1.0)
+            cost[n] = 1.0 + price * unknown[n] + NEAR_PRICE * np.clip(1.0 - (off - keep_off) / 0.6, 0.0, 1.0)
             cost[n][off < keep_off] = np.inf
-        start = self._cell(space, pose.position, heights)
+        start = own_cell
         own = cost[:, max(start[1] - 3, 0) : start[1] + 4, max(start[2] - 3, 0) : start[2] + 4]
         own[np.isinf(own)] = 12.0  # the vehicle is here, however near: it has to get out
         target = self._cell(space, goal, heights)

@@ -46,7 +46,7 @@ class ClearWater(Settings):
     darkest: Share = Field(0.35, description="reflectance of the darkest surface relative to those seen lately")
     faintest: Positive = Field(8.0, description="grey levels at which a stripe is found for sure")
     believed: Positive = Field(8.0, description="returns prove the water's clarity for this long, s")
-    farthest: Positive = Field(2.8, description="never more than this, m along the optical axis")
+    farthest: Positive = Field(3.2, description="never more than this, m along the optical axis")
 
 
 class SpaceSettings(Settings):
@@ -75,7 +75,7 @@ class SafetySettings(Settings):
     """The barrier and what limits speed."""
 
     clearance: Positive = Field(0.3, description="kept between hull and obstacle, m")
-    clearance_unknown: NotNegative = Field(0.1, description="kept between hull and unseen space, m")
+    clearance_unknown: NotNegative = Field(0.03, description="kept between hull and unseen space, m")
     clearance_moving: Positive = Field(0.5, description="kept between hull and a moving obstacle, m")
     gain: Positive = Field(0.6, description="class-K gain of the barrier, 1/s")
     horizon: Positive = Field(1.8, description="obstacles farther from the hull are left out, m")
@@ -96,7 +96,8 @@ class AvoidanceSettings(Settings):
     """Turning away, and escape."""
 
     priority: int = Field(100, description="larger dominates")
-    notice: Positive = Field(1.2, description="distance from the hull at which it begins to act, m")
+    notice: Positive = Field(0.9, description="distance from the hull at which it begins to act, m")
+    beside: Positive = Field(0.35, description="the same for what lies abeam, above or below, m")
     full: Positive = Field(0.45, description="distance at which it acts fully, m")
     speed: Positive = Field(0.12, description="of backing off, m/s")
     escape_time: Positive = Field(7.0, description="acts fully when a moving obstacle is this near, s")
@@ -129,7 +130,8 @@ class HoldSettings(Settings):
     jump: Positive = Field(0.3, description="a range that jumps farther than this is a glitch until it lasts, m")
     confirm: Positive = Field(2.0, description="a new target has to last this long, s")
     lost: Positive = Field(4.0, description="no fit for this long: the target is lost, s")
-    gains: tuple[Positive, Positive, Positive] = Field((0.55, 0.6, 0.4), description="range, yaw, pitch, 1/s")
+    gains: tuple[Positive, Positive, Positive] = Field((2.4, 0.8, 0.5), description="range, yaw, pitch, 1/s")
+    damping: NotNegative = Field(1.1, description="of the measured speed, against waves")
 
 
 class SurveySettings(Settings):

@@ -14,6 +14,8 @@ from behaviours.types import Pose, Profile
 from garbi_map.log.records import Floats, Mount
 from garbi_map.rig import Rig
 
+DOT = 2  # hits that a dot of a profile counts: one may be a flake of snow, two in the same place are something
+
 
 @dataclass(frozen=True)
 class Nearby:
@@ -132,9 +134,11 @@ class Space:
         position = pose.rotation @ self._mount.translation + pose.position
         grid = (self.voxel, self.low, self.shape)
         carving = (*grid, settings.hits, now, sweep, *self._hold, self.layers)
-        surprising = kernels.hit(
-            profile.points, *grid, now, settings.free_passes, round(settings.free_time * 1e3), self.layers
-        )
+        surprising = np.zeros(len(profile.points), bool)
+        surprising[profile.solid] = self._hit(profile.points[profile.solid], 1, now)
+        dots = np.flatnonzero(~profile.solid)
+        _, first = np.unique(profile.piece[dots], return_index=True)
+        self._hit(profile.points[dots[first]], DOT, now)
         nearest = np.full(len(self._origins), np.inf)
         group = np.minimum(profile.row // self._rows, len(nearest) - 1)
         np.minimum.at(nearest, group, profile.depth - self.voxel)
@@ -147,6 +151,13 @@ class Space:
         kernels.carve_to_points(rotation @ self._rig.camera.centre + position, profile.points, 6, *carving)
         kernels.carve_to_points(rotation @ self._rig.laser.apex + position, profile.points, 6, *carving)
         return surprising
+
+    def _hit(self, points: Floats, weight: int, now: int) -> NDArray[np.bool_]:
+        settings = self.settings
+        return kernels.hit(
+            points, np.full(len(points), weight), self.voxel, self.low, self.shape, now, settings.free_passes,
+            round(settings.free_time * 1e3), self.layers,
+        )  # fmt: skip
 
     def _learn_clarity(self, profile: Profile) -> None:
         """Returns prove how far a missing stripe means free water: the faintest surface there would have been found."""

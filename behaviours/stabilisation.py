@@ -18,6 +18,7 @@ from behaviours.types import AXES, Command, Pose, Proposal
 from garbi_map.log.records import Floats
 
 PAUSE_NS = 2_000_000_000  # not asked for this long, the behaviour is armed anew
+FASTEST = 0.2  # m/s, before damping
 DRIFT = 0.04  # m/s abeam that is worth saying
 
 
@@ -104,7 +105,9 @@ class Stabilisation:
     def _hold(self, found: Relative, pose: Pose, words: str) -> Proposal:
         settings = self.settings
         gain, yaw_gain, pitch_gain = settings.gains
-        surge = float(np.clip(gain * (found.range - self.wanted), -0.15, 0.15))
+        # The speed that is measured counts against the command: a stiffer loop than the vehicle's own, against waves.
+        approach = np.clip(gain * (found.range - self.wanted), -FASTEST, FASTEST)
+        surge = float(approach - settings.damping * pose.velocity[0])
         yaw = float(np.clip(yaw_gain * found.yaw, -0.3, 0.3))
         pitch = float(np.clip(pitch_gain * found.pitch, -0.15, 0.15))
         if "yaw" not in found.axes:
@@ -121,9 +124,17 @@ class Stabilisation:
         return Proposal(self.name, 1.0, command, words, settings.priority, AXES, facts=facts)
 
     def _station(self, pose: Pose, words: str) -> Proposal:
-        command = Command(0.0, self._to_depth(pose), self._to_heading(pose), float(np.clip(-0.5 * pose.tilt, -0.1, 0.1)))
+        command = Command(
+            0.0, self._to_depth(pose), self._to_heading(pose), float(np.clip(-0.5 * pose.tilt, -0.1, 0.1))
+        )
         return Proposal(
-            self.name, 1.0, command, f"{words}: holding depth and heading", self.settings.priority, AXES, facts={"target": 0.0}
+            self.name,
+            1.0,
+            command,
+            f"{words}: holding depth and heading",
+            self.settings.priority,
+            AXES,
+            facts={"target": 0.0},
         )
 
     def _to_depth(self, pose: Pose) -> float:

@@ -53,6 +53,8 @@ class Profile:
     row         (n,) image rows; depth (n,) m along the optical axis
     points      (n, 3) m, odom
     intensity   (n,) grey levels
+    solid       (n,) bool, the point belongs to a piece of line rather than to a dot
+    piece       (n,) number of the piece
     pose        of the vehicle at stamp_ns, as navigation knew it at known_ns
     """
 
@@ -64,6 +66,8 @@ class Profile:
     depth: Floats
     points: Floats
     intensity: Floats
+    solid: NDArray[np.bool_]
+    piece: NDArray[np.int64]
     pose: Pose
 
 

@@ -31,7 +31,7 @@ from garbi_map.seabed import triangulate
 from garbi_map.sweep.store import SweepStore
 
 if TYPE_CHECKING:
-    from garbi_map.pipeline import Dive, Map
+    from garbi_map.dive import Dive, Map
 
 _LIBRARIES = (
     "numpy",

@@ -6,50 +6,21 @@ import shutil
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
 
 from garbi_map.aside import remove_leftovers
 from garbi_map.config import Config
+from garbi_map.dive import Dive, Map
 from garbi_map.errors import GarbiError
-from garbi_map.log import Log, Navigation, open_log
-from garbi_map.navigate import NavigationResult, Trajectory, navigate
+from garbi_map.log import open_log
+from garbi_map.navigate import Trajectory, navigate
 from garbi_map.progress import Progress, Silent, counted
-from garbi_map.register import Registered, register
-from garbi_map.rig import Rig, load_rig, parse_rig
+from garbi_map.register import register
+from garbi_map.rig import load_rig, parse_rig
 from garbi_map.scan import ScanLosses, scan, scan_key
 from garbi_map.seabed import AcceptedPoints, Seabed, SeabedBuilder, build_seabed
 from garbi_map.sweep import Sweep
 from garbi_map.sweep.store import SweepStore
-
-
-@dataclass
-class Dive:
-    """What is known of a dive as the stages go by; each stage fills in its part."""
-
-    paths: list[Path]
-    config: Config
-    log: Log
-    rig: Rig
-    navigation: Navigation
-    span_ns: tuple[int | None, int | None] = (None, None)
-    losses: list[str] = field(default_factory=list)
-    timings: dict[str, float] = field(default_factory=dict)
-
-    @property
-    def left_out(self) -> list[str]:
-        """What was in the log and is not in the map, so far: one line each, each once."""
-        return list(dict.fromkeys([*self.log.losses, *self.losses]))
-
-
-@dataclass(frozen=True)
-class Map:
-    """The finished map, as the export stage wants it."""
-
-    navigated: NavigationResult
-    registered: Registered
-    seabed: Seabed
-    builder: SeabedBuilder
 
 
 def build_map(

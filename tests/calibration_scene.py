@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from garbi_map.calibrate.bundle import Corners, Poses, StripePoints
+from garbi_map.calibrate.bundle import Poses, StripePoints
 from garbi_map.calibrate.targets import AnyTarget, parse_target
 from garbi_map.calibrate.views import View
 from garbi_map.rig import Rig
@@ -46,14 +44,6 @@ def views_of(rig: Rig, target: AnyTarget, poses: Poses, noise: float, rng: np.ra
         inside = ((pixel > 2) & (pixel < [rig.camera.width - 3, rig.camera.height - 3])).all(axis=1)
         views.append(View(f"view {i}", np.flatnonzero(inside), pixel[inside]))
     return views
-
-
-@dataclass(frozen=True)
-class Sweeps:
-    """How the laser passes over each pose of the target: alphas (k,) rad, rate rad/s."""
-
-    alphas: np.ndarray
-    rate: float = 0.5
 
 
 def stripes_of(
@@ -98,25 +88,10 @@ def stripes_of(
                 on = ((xy > -target.border) & (xy < face.size + target.border)).all(axis=1)
                 count = int(on.sum())
                 rate = 0.5 if turn % 2 else -0.5
-                parts.append(
-                    (
-                        np.full(count, view),
-                        np.full(count, image),
-                        low[on],
-                        rows[row][on],
-                        np.full(count, alpha),
-                        np.full(count, rate),
-                        np.tile(face.origin, (count, 1)),
-                        np.tile(face.normal, (count, 1)),
-                    )
-                )
+                known = (np.full(count, view), np.full(count, image), low[on], rows[row][on], np.full(count, alpha))
+                faces = (np.tile(face.origin, (count, 1)), np.tile(face.normal, (count, 1)))
+                parts.append((*known, np.full(count, rate), *faces))
             image += 1
     columns_of = [np.concatenate(part) for part in zip(*parts, strict=True)]
     columns_of[2] = columns_of[2] + noise * rng.normal(size=len(columns_of[2]))
     return StripePoints(*columns_of)
-
-
-def corners_in(views: list[View], target: AnyTarget) -> Corners:
-    from garbi_map.calibrate.views import corners_of
-
-    return corners_of(views, target)

@@ -11,9 +11,9 @@ from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
 
 from garbi_map.config import Config
+from garbi_map.dive import Dive, Map
 from garbi_map.log import Image, LogWriter, Mount, open_log
 from garbi_map.navigate import NavigationResult, Trajectory
-from garbi_map.pipeline import Dive, Map
 from garbi_map.register import Registered
 from garbi_map.register.drift import Round
 from garbi_map.rig import Rig

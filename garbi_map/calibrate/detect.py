@@ -97,7 +97,7 @@ def _apriltags(grey: NDArray[np.uint8], target: AprilTags) -> tuple[NDArray[np.i
         return None
     number = (4 * tags[known][:, None] + np.arange(4)).ravel()
     rough = np.asarray(corners).reshape(-1, 4, 2)[known].reshape(-1, 2)
-    return number, from_edges(grey, rough, 0.1)
+    return number, from_edges(grey, from_edges(grey, rough, 0.07), 0.07)
 
 
 def _two_planes(grey: NDArray[np.uint8], target: TwoPlanes) -> tuple[NDArray[np.int64], Floats] | None:

@@ -14,7 +14,7 @@ import yaml
 from garbi_map.calibrate.bundle import Prior
 from garbi_map.calibrate.camera import FORWARD, CameraCalibration
 from garbi_map.calibrate.laser import LaserCalibration
-from garbi_map.calibrate.scanner import LENS_NAMES, PORT_NAMES
+from garbi_map.calibrate.scanner import LENS_NAMES, PORT_NAMES, Scanner
 from garbi_map.errors import GarbiError
 from garbi_map.rig import Camera, Laser, camera_entries, laser_entries, parse_camera, parse_laser, parse_rig
 
@@ -58,8 +58,6 @@ def _prior(camera: Camera, entries: Any, path: Path) -> Prior | None:
         raise GarbiError(
             f"{path}: camera.calibration.covariance is not that of the parameters in camera.calibration.free"
         )
-    from garbi_map.calibrate.scanner import Scanner
-
     values = Scanner(camera).values()
     return Prior(names, np.array([values[name] for name in names]), covariance)
 
@@ -86,7 +84,7 @@ def camera_document(found: CameraCalibration, known: Known | None) -> str:
 
 
 def laser_document(found: LaserCalibration, known: Known) -> str:
-    """A rig file's text with a new laser, and the camera within its covariance. Raises GarbiError where it is absurd."""
+    """A rig file's text with a new laser, and the camera as it moved within its covariance. Raises GarbiError."""
     document = {key: value for key, value in known.document.items() if key != NOMINAL}
     before = document.get("laser") or known.document.get(NOMINAL) or {}
     kept = {key: value for key, value in before.items() if key not in ("calibration", "window")}
@@ -113,7 +111,7 @@ def laser_document(found: LaserCalibration, known: Known) -> str:
 
 
 def _covariance(names: tuple[str, ...], covariance: Any) -> dict[str, Any]:
-    sigma = np.sqrt(np.diag(covariance)) if len(names) else []
+    sigma = np.sqrt(np.diag(covariance)) if len(names) else np.empty(0)
     return {
         "free": list(names),
         "sigma": dict(zip(names, sigma, strict=True)),

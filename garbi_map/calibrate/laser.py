@@ -73,13 +73,17 @@ def calibrate_laser(
     """The laser of a calibrated camera, from poses of the target (one view each) and the stripe on it.
 
     nominal   what is known beforehand: joint, heights; needed where the laser has a window, with its nominal values
-    motor     False: one sheet, at the nominal fixed angle or 0
+    motor     False: one sheet, whose alpha is the stripes' own and becomes the fixed angle
     free      further names to solve for (laser.window.distance, camera.port.distance, ...)
     prior     covariance of the camera's parameters: they move within it, and it is part of the result
 
     Raises GarbiError where the stripes do not determine the laser.
     """
     views = list(views)
+    if not motor and len(np.unique(stripes.view)) < 2:
+        raise GarbiError(
+            "one view of the stripe does not determine a sheet that does not turn: show the target at a second distance"
+        )
     poses = poses_by(camera, views, target)
     stripes = thinned(stripes, settings.most_stripe_points)
     points = stripe_in_rig(Scanner(camera), poses, stripes)
@@ -108,7 +112,7 @@ def calibrate_laser(
     distances = np.array([np.median(far[stripes.view == i]) for i in np.unique(stripes.view)])
     spreads = [spread_at(found, names, adjusted.covariance, depth, not motor) for depth in settings.ranges]
     if settings.method == "refined":
-        _refuse_undetermined(spreads, distances, motor, settings)
+        _refuse_undetermined(spreads, distances, settings)
     held = _hold_out(bundle, adjusted)
     good = adjusted.stripe_good
     inside = off_plane(found, adjusted.poses, stripes)[good]
@@ -154,7 +158,7 @@ def first_laser(
     if nominal is not None and nominal.window is not None:
         return _turned_to(points[good], stripes.alpha[good], nominal) if motor else nominal
     if not motor:
-        return _one_plane(points[good], nominal)
+        return _one_plane(points[good], nominal, float(stripes.alpha[0]))
     if settings.method == "paper":
         return _by_paper(points[good], stripes.alpha[good], nominal)
     for _ in range(4):
@@ -175,8 +179,7 @@ def _turned_to(points: Floats, alpha: Floats, nominal: Laser) -> Laser:
     return tried[int(np.argmin(score))]
 
 
-def _one_plane(points: Floats, nominal: Laser | None) -> Laser:
-    angle = 0.0 if nominal is None or nominal.fixed_angle is None else nominal.fixed_angle
+def _one_plane(points: Floats, nominal: Laser | None, angle: float) -> Laser:
     base = nominal or Laser(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     centre = np.median(points, axis=0)
     good = np.ones(len(points), bool)
@@ -212,8 +215,7 @@ def off_plane(scanner: Scanner, poses: Poses, stripes: StripePoints) -> Floats:
     laser = scanner.laser
     assert laser is not None
     points = stripe_in_rig(scanner, poses, stripes)
-    sine = laser.off_sheet(points, stripes.alpha + scanner.latency * stripes.rate)
-    return sine * np.linalg.norm(points - laser.apex, axis=1)
+    return laser.distance(points, stripes.alpha + scanner.latency * stripes.rate)
 
 
 def _hold_out(bundle: Bundle, adjusted: Adjusted) -> tuple[float, float]:
@@ -253,13 +255,9 @@ def _refuse_bad_fit(adjusted: Adjusted, settings: CalibrateSettings) -> None:
         )
 
 
-def _refuse_undetermined(spreads: list[Spread], distances: Floats, motor: bool, settings: CalibrateSettings) -> None:
+def _refuse_undetermined(spreads: list[Spread], distances: Floats, settings: CalibrateSettings) -> None:
     worst = max(spread.rms if np.isfinite(spread.rms) else np.inf for spread in spreads)
     alike = np.ptp(distances) < 0.15 * np.median(distances)
-    if not motor and len(distances) < 2:
-        raise GarbiError(
-            "one view of the stripe does not determine a sheet that does not turn: show the target at a second distance"
-        )
     if worst > settings.max_error:
         hint = "show the target at a second distance" if alike else "show more of the stripe, at more angles"
         raise GarbiError(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -129,8 +130,7 @@ def sweeps_of(
         angle = FixedAngle(fixed_angle)
     else:
         raise GarbiError(
-            "the log has no encoder: name its topic in log.topics.encoder, "
-            "or give laser.fixed_angle in the rig file if the laser has no motor"
+            "the log has no encoder: name its topic in log.topics.encoder, or say --no-motor if the laser does not turn"
         )
     losses: list[str] = []
     gathered = _Gathered([], [], losses)
@@ -158,7 +158,7 @@ def _spans(log: Log, angle: LaserAngle | FixedAngle) -> list[tuple[int, int]]:
         stamps = [image.stamp_ns for image in log.images()]
         return [(stamp, stamp + 1) for stamp in stamps]
     edges = np.unique(np.concatenate([[log.begin_ns], angle.turns_ns, [log.end_ns + 1]]))
-    return [(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    return [(int(a), int(b)) for a, b in pairwise(edges)]
 
 
 def _one_sweep(

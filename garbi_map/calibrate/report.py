@@ -57,8 +57,9 @@ def write_laser_report(folder: Path, found: LaserCalibration, losses: Sequence[s
     place = np.column_stack([stripes.u, stripes.v])
     along = np.column_stack([adjusted.stripe, np.zeros(len(place))])
     parts = [
-        f"<p>{len(found.views)} poses of the target, {len(place)} points of the stripe: <b>{1e3 * found.rms:.2f} mm</b> rms "
-        f"off the sheet, <b>{1e3 * found.hold_out:.2f} mm</b> on images that were not fitted.</p>",
+        f"<p>{len(found.views)} poses of the target, {len(place)} points of the stripe: "
+        f"<b>{1e3 * found.rms:.2f} mm</b> rms off the sheet, "
+        f"<b>{1e3 * found.hold_out:.2f} mm</b> on images that were not fitted.</p>",
         _advice(advice, losses),
         f"<h2>Residuals, columns, magnified {MAGNIFIED:g} times</h2>",
         _vectors(place, along, adjusted.stripe_good, size),
@@ -129,7 +130,8 @@ def _parameters(adjusted: Adjusted) -> str:
     for name, value in adjusted.scanner.values().items():
         free = name in adjusted.free
         sigma = f"{adjusted.sigma(name):.3g}" if free else "held"
-        rows += f"<tr><td>{escape(name)}</td><td class=r>{value:.7g}</td><td class=r>{sigma}</td><td>{unit_of(name)}</td></tr>"
+        numbers = f"<td class=r>{value:.7g}</td><td class=r>{sigma}</td>"
+        rows += f"<tr><td>{escape(name)}</td>{numbers}<td>{unit_of(name)}</td></tr>"
     return f"<table><tr><th>name</th><th>value</th><th>1 sigma</th><th></th></tr>{rows}</table>"
 
 

@@ -71,6 +71,7 @@ def laser(
     output: Path,
     free: Sequence[str] = (),
     method: str = "refined",
+    motor: bool = True,
     report: Path | None = None,
     config_file: Path | None = None,
 ) -> tuple[LaserCalibration, list[str], list[str]]:
@@ -84,6 +85,7 @@ def laser(
     known = files.read_known(rig)
     log = open_log([log_file], config.log)
     angle = None if known.laser is None else known.laser.fixed_angle
+    angle = 0.0 if angle is None and not motor else angle
     sweeps = sweeps_of(log, known.camera, target, settings, config.stripe, config.sweep, angle)
     found = calibrate_laser(
         known.camera,

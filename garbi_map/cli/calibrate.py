@@ -59,13 +59,14 @@ def laser(
     method: Annotated[
         str, typer.Option(help="refined, linear (five columns) or paper (its equations, corrected)")
     ] = "refined",
+    motor: Annotated[bool, typer.Option(help="whether a motor turns the laser")] = True,
     report: Report = None,
     config: Config = None,
 ) -> None:
     """The sheet's parameters from the stripe on a target, with what they leave uncertain."""
     from garbi_map.calibrate import run
 
-    found, losses, advice = run.laser(log, target, rig, output, free or [], method, report, config)
+    found, losses, advice = run.laser(log, target, rig, output, free or [], method, motor, report, config)
     typer.echo(
         f"{len(found.views)} poses of the target, {int(found.adjusted.stripe_good.sum())} points: "
         f"{1e3 * found.rms:.2f} mm rms off the sheet, {1e3 * found.hold_out:.2f} on images held out"

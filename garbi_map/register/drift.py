@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from garbi_map.register import kernels
+from garbi_map.navigate.kernels import place_points
 from garbi_map.register.factors import Calm, Factor
 from garbi_map.register.motion import Motion
 from garbi_map.register.normal_equations import NormalEquations
@@ -72,10 +72,8 @@ class Scans:
 
     def placed(self, motion: Motion) -> Floats:
         """The points (n, 3) in the map as the motion has them."""
-        out = np.empty_like(self.points)
         matrix, position = motion.rotation(self.time).as_matrix(), motion.position(self.time)
-        kernels.transform_profiles(self.points, self.profile, matrix, position, out)
-        return out
+        return place_points(self.points, self.profile, matrix, position)
 
     def surfels(self, motion: Motion, size: float, fewest: int) -> Surfels:
         """Surfels of every sweep as the motion has them."""

@@ -7,20 +7,6 @@ from numba import njit
 
 
 @njit(cache=True, nogil=True)
-def transform_profiles(points, profile, rotation, translation, out):  # type: ignore[no-untyped-def]
-    """out[k] = rotation[profile[k]] points[k] + translation[profile[k]]."""
-    for k in range(points.shape[0]):
-        m = profile[k]
-        for a in range(3):
-            out[k, a] = (
-                rotation[m, a, 0] * points[k, 0]
-                + rotation[m, a, 1] * points[k, 1]
-                + rotation[m, a, 2] * points[k, 2]
-                + translation[m, a]
-            )
-
-
-@njit(cache=True, nogil=True)
 def voxel_keys(points, size, key):  # type: ignore[no-untyped-def]
     """One int64 per point that names its voxel; 21 bits an axis."""
     for k in range(points.shape[0]):

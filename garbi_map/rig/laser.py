@@ -60,6 +60,13 @@ class Laser:
         angle = np.ascontiguousarray(np.broadcast_to(np.asarray(alpha, float), len(points)))
         return window_kernels.off_sheet(points, angle, self.delta, self.beta, self.axis, self.apex, self.glass)
 
+    def distance(self, points: Floats, alpha: ArrayLike) -> Floats:
+        """Signed distance (n,) m, to first order, of points (n, 3) m, rig frame, from the sheets at alpha (n,) rad."""
+        normal = np.broadcast_to(self.sheet(alpha), points.shape)
+        step = 1e-4
+        ahead, behind = self.off_sheet(points + step * normal, alpha), self.off_sheet(points - step * normal, alpha)
+        return self.off_sheet(points, alpha) * 2.0 * step / (ahead - behind)
+
     def sheet(self, alpha: ArrayLike) -> Floats:
         """Unit normals (m, 3), rig frame, of the sheets through the apex at angles alpha (m,) rad, before a window.
 

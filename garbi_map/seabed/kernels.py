@@ -6,19 +6,6 @@ from numba import njit
 
 
 @njit(cache=True, nogil=True)
-def place_points(points, profile, rotation, position):
-    """Points (n, 3) of the rig frame into `map` by their profile's rotation (m, 3, 3) and position (m, 3)."""
-    placed = np.empty_like(points)
-    for i in range(len(points)):
-        r = rotation[profile[i]]
-        t = position[profile[i]]
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        for k in range(3):
-            placed[i, k] = r[k, 0] * x + r[k, 1] * y + r[k, 2] * z + t[k]
-    return placed
-
-
-@njit(cache=True, nogil=True)
 def _pose_variance(covariance, d, lever):
     """Variance along d of a point at `lever` from base_link, all in `map`: j' P j with j = (d, lever x d)."""
     j = (

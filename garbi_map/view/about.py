@@ -10,8 +10,8 @@ import numpy as np
 from garbi_map.view import style
 
 if TYPE_CHECKING:
+    from garbi_map.dive import Dive, Map
     from garbi_map.log import Log
-    from garbi_map.pipeline import Dive, Map
 
 
 def about_map(dive: Dive, built: Map) -> str:

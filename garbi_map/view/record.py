@@ -24,7 +24,7 @@ from garbi_map.view.vehicle import draw_vehicle
 if TYPE_CHECKING:
     from rerun import RecordingStream
 
-    from garbi_map.pipeline import Dive, Map
+    from garbi_map.dive import Dive, Map
     from garbi_map.seabed import Mesh
     from garbi_map.sweep.store import SweepStore
 
@@ -58,7 +58,7 @@ def record_map(path: Path, dive: Dive, store: SweepStore, built: Map, mesh: Mesh
             mesh = triangulate(built.seabed, budget.triangles, dive.config.export.widest_hole)
         draw_surface(recording, mesh)
         send_sweeps(recording, dive, store, built, budget, shown)
-        lost = [*dive.log.losses, *dive.losses]
+        lost = dive.left_out
         send_losses(recording, lost or ["nothing was left out"], dive.log.begin_ns)
 
 

@@ -12,12 +12,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from garbi_map.errors import GarbiError
 from garbi_map.export import written_aside
 from garbi_map.view.style import APPLICATION, TIMELINE, Plot
 
 if TYPE_CHECKING:
     from rerun import RecordingStream
     from rerun.blueprint import Blueprint
+
+STALLED = 5.0  # s without a byte after which the file system is taken to refuse
 
 
 def new_recording(name: str) -> RecordingStream:
@@ -42,8 +45,40 @@ def recording_file(path: Path, name: str, blueprint: Blueprint) -> Iterator[Reco
         try:
             yield recording
         finally:
-            recording.flush()
+            try:
+                _finish(recording, aside)
+            except RuntimeError as error:
+                _abandon(recording)
+                raise GarbiError(f"{path}: cannot be written: is the disk full? ({error})") from error
             recording.disconnect()
+
+
+def _abandon(recording: RecordingStream) -> None:
+    """Leave a recording alone whose writing thread has died: disconnecting, forgetting and shutting it down all hang."""
+    import atexit
+    import ctypes
+
+    import rerun as rr
+
+    ctypes.pythonapi.Py_IncRef(ctypes.py_object(recording))  # never freed
+    atexit.unregister(rr.rerun_shutdown)
+
+
+def _finish(recording: RecordingStream, file: Path) -> None:
+    """Wait for Rerun's writing thread as long as the file grows.
+
+    Where the disk refuses, that thread ends with a message of its own, and a flush without a time limit waits for ever.
+    Raises RuntimeError.
+    """
+    size = -1
+    while True:
+        try:
+            return recording.flush(timeout_sec=STALLED)
+        except RuntimeError:
+            grown = file.stat().st_size
+            if grown == size:
+                raise
+            size = grown
 
 
 def at(stamp_ns: ArrayLike) -> list[Any]:

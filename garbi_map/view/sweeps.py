@@ -18,9 +18,9 @@ from garbi_map.view.vehicle import draw_profiles
 if TYPE_CHECKING:
     from rerun import RecordingStream
 
+    from garbi_map.dive import Dive, Map
     from garbi_map.log import Mount
     from garbi_map.navigate import Trajectory
-    from garbi_map.pipeline import Dive, Map
     from garbi_map.sweep import Sweep
     from garbi_map.sweep.store import SweepStore
 

@@ -25,9 +25,10 @@ from rich.console import Console
 from rich.table import Table
 
 from garbi_map.config import load_config
+from garbi_map.dive import Dive
 from garbi_map.evaluate import CloudErrors, Truth, compare_cloud, evaluate, read_truth, rigid_alignment
 from garbi_map.navigate import Trajectory, navigate
-from garbi_map.pipeline import Dive, open_dive, sweeps_of
+from garbi_map.pipeline import open_dive, sweeps_of
 from garbi_map.progress import Silent
 from garbi_map.sweep.store import SweepStore
 from tools.bench.baselines import gicp, placed, stock_kiss_icp

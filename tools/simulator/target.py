@@ -39,6 +39,16 @@ class Look:
     margin: float = 0.05
 
 
+@dataclass(frozen=True)
+class Placed:
+    """reflect (n,) grey levels of all rays; those `on` (k,) the target, and where they meet it, points (k, 3) m, rig
+    frame."""
+
+    reflect: Floats
+    on: NDArray[np.int64]
+    points: Floats
+
+
 class Booth:
     """A rig that looks at a target. One set of rays serves all images."""
 
@@ -52,14 +62,8 @@ class Booth:
         self._origin, self._direction = camera.rays(columns.ravel(), rows.ravel())
         self._printed = [_printed(face.size, face.black) for face in target.faces]
 
-    def image(
-        self,
-        rotation: Rotation,
-        translation: Floats,
-        alpha: float | None,
-        rng: np.random.Generator,
-    ) -> NDArray[np.uint8]:
-        """BGR (h, w, 3) of the target at camera <- target, with the stripe at alpha, if any."""
+    def placed(self, rotation: Rotation, translation: Floats) -> Placed:
+        """What the camera sees of the target at camera <- target, m."""
         look, camera = self.look, self.rig.camera
         count = len(self._origin)
         reach, reflect = np.full(count, np.inf), np.full(count, look.wall)
@@ -72,21 +76,28 @@ class Booth:
             near &= (x > -look.margin) & (x < face.size[0] + look.margin)
             near &= (y > -look.margin) & (y < face.size[1] + look.margin)
             reach[near] = to[near]
-            column, row = (x[near] * scale).astype(int), (y[near] * scale).astype(int)
-            printed = (x[near] > 0) & (y[near] > 0) & (row < texture.shape[0]) & (column < texture.shape[1])
+            column, row = np.floor(x[near] * scale).astype(int), np.floor(y[near] * scale).astype(int)
+            printed = (column >= 0) & (row >= 0) & (row < texture.shape[0]) & (column < texture.shape[1])
             value = np.full(len(column), look.paper)
             value[printed] = np.where(texture[row[printed], column[printed]], look.ink, look.paper)
             reflect[near] = value
-        laser = np.zeros(count)
+        on = np.flatnonzero(np.isfinite(reach))
+        points = self._origin[on] + reach[on, None] * self._direction[on]
+        return Placed(reflect, on, points @ camera.rotation.T + camera.centre)
+
+    def image(self, placed: Placed, alpha: float | None, rng: np.random.Generator) -> NDArray[np.uint8]:
+        """BGR (h, w, 3) with the stripe at alpha, if any; what is random in it comes from rng."""
+        look, camera, reflect = self.look, self.rig.camera, placed.reflect
+        laser = np.zeros(len(reflect))
         if alpha is not None:
-            on = np.flatnonzero(np.isfinite(reach))
-            points = self._origin[on] + reach[on, None] * self._direction[on]
-            points = points @ camera.rotation.T + camera.centre
-            off = self.rig.laser.off_sheet(points, alpha) * np.linalg.norm(points - self.rig.laser.apex, axis=1)
-            laser[on] = look.green * reflect[on] / look.paper * np.exp(-0.5 * (off / look.sheet) ** 2)
+            away = np.linalg.norm(placed.points - self.rig.laser.apex, axis=1)
+            off = self.rig.laser.off_sheet(placed.points, alpha) * away
+            light = look.green * reflect[placed.on] / look.paper
+            laser[placed.on] = light * np.exp(-0.5 * (off / look.sheet) ** 2)
         shape = (camera.height, look.samples, camera.width, look.samples)
-        light = np.stack([reflect + 0.1 * laser, reflect + laser, reflect + 0.05 * laser], axis=1)
-        mean = light.reshape(*shape, 3).mean(axis=(1, 3))
+        still = reflect.reshape(shape).mean(axis=(1, 3))[..., None]
+        green = laser.reshape(shape).mean(axis=(1, 3))[..., None]
+        mean = still + green * np.array([0.1, 1.0, 0.05])
         blurred = cv2.GaussianBlur(mean, (0, 0), look.psf) if look.psf > 0 else mean
         noisy = blurred + look.noise * rng.normal(size=blurred.shape)
         return np.clip(np.round(noisy), 0, 255).astype(np.uint8)
