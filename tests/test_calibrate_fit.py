@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from calibration_scene import TWO_PLANES, poses_before, stripes_of, target_of, views_of
 from rigs import FORWARD, TILTED_WINDOW, WINDOW, make_rig
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
@@ -20,6 +19,7 @@ from garbi_map.calibrate.uncertainty import errors_at
 from garbi_map.calibrate.views import corners_of
 from garbi_map.errors import GarbiError
 from garbi_map.rig import LaserWindow, Rig
+from tools.simulator.target_points import TWO_PLANES, poses_before, stripes_of, target_of, views_of
 
 SETTINGS = CalibrateSettings()
 SIZE = (768, 576)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from calibration_scene import TWO_PLANES, target_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -12,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from garbi_map.calibrate.linear import solve_camera, solve_laser, solve_laser_paper
 from garbi_map.errors import GarbiError
 from garbi_map.rig import Laser
+from tools.simulator.target_points import TWO_PLANES, target_of
 
 
 def on_sheets(laser: Laser, alphas: np.ndarray, heights: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray]:

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from calibration_scene import TWO_PLANES, target_of
 from rigs import make_rig
 from scipy.spatial.transform import Rotation
 
@@ -16,6 +15,7 @@ from garbi_map.calibrate.drawing import write_drawing
 from garbi_map.calibrate.targets import load_target, parse_target
 from garbi_map.errors import GarbiError
 from tools.simulator.target import Booth, Look
+from tools.simulator.target_points import TWO_PLANES, target_of
 
 TARGETS = {
     "checkerboard": "kind: checkerboard\ninner_corners: [9, 6]\nsquare: 0.05",

@@ -192,7 +192,7 @@ def _one_sweep(
     detector = StripeDetector(stripe)
     parts: list[StripePoints] = []
     for stamp, image in _decoded(log, span, size, None):
-        alone = image if background is None else _less(image, background)
+        alone = image if background is None else less(image, background)
         alpha = angle.alpha(stamp)
         if not np.isfinite(alpha):
             continue
@@ -240,7 +240,8 @@ def _motion(samples: list[NDArray[np.uint8]], view: View, target: AnyTarget, nam
     return max(shifts, default=0.0)
 
 
-def _less(image: NDArray[np.uint8], background: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def less(image: NDArray[np.uint8], background: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """What an image has more than another, at least zero."""
     return np.where(image > background, image - background, 0).astype(np.uint8)
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from garbi_map.calibrate.bundle import Poses, StripePoints
-from garbi_map.calibrate.targets import AnyTarget, parse_target
+from garbi_map.calibrate.targets import AnyTarget, Face, parse_target
 from garbi_map.calibrate.views import View
 from garbi_map.rig import Rig
 
@@ -22,11 +24,28 @@ planes:
 """
 
 
+class Scene(Protocol):
+    """Flat faces that a stripe may fall on; border as a target's, m."""
+
+    @property
+    def faces(self) -> list[Face]:
+        """Its faces."""
+        ...
+
+    @property
+    def border(self) -> float:
+        """How far they reach beyond their size, m."""
+        ...
+
+
 def target_of(text: str = CHECKERBOARD) -> AnyTarget:
+    """The target of a YAML text."""
     return parse_target(text, "target.yaml")
 
 
-def poses_before(distances: list[float], rng: np.random.Generator, tilt: float = 0.45, centre=(0.24, 0.15)) -> Poses:
+def poses_before(
+    distances: list[float], rng: np.random.Generator, tilt: float = 0.45, centre: tuple[float, float] = (0.24, 0.15)
+) -> Poses:
     """A flat target in front of the camera at these distances, m, tilted both ways and moved about the image."""
     rotation = Rotation.from_rotvec(
         np.column_stack([rng.uniform(-tilt, tilt, (len(distances), 2)), rng.uniform(-0.2, 0.2, len(distances))])
@@ -48,7 +67,7 @@ def views_of(rig: Rig, target: AnyTarget, poses: Poses, noise: float, rng: np.ra
 
 def stripes_of(
     rig: Rig,
-    target: AnyTarget,
+    target: Scene,
     poses: Poses,
     alphas: np.ndarray,
     noise: float,
@@ -66,7 +85,9 @@ def stripes_of(
             for face in target.faces:
                 normal, origin = turned.apply(face.normal), turned.apply(face.origin) + place
 
-                def off(u, v, normal=normal, origin=origin, alpha=alpha):
+                def off(  # type: ignore[no-untyped-def]
+                    u, v, normal=normal, origin=origin, alpha=alpha
+                ):
                     eye, sight = rig.camera.rays(u, v)
                     reach = ((origin - eye) @ normal) / (sight @ normal)
                     there = eye + reach[:, None] * sight
@@ -86,6 +107,7 @@ def stripes_of(
                 there = turned.inv().apply(off(low, rows[row])[1] - place) - face.origin
                 xy = np.column_stack([there @ face.u, there @ face.v])
                 on = ((xy > -target.border) & (xy < face.size + target.border)).all(axis=1)
+                on &= ~_hidden(target, face, turned, place, *rig.camera.rays(low, rows[row]))
                 count = int(on.sum())
                 rate = 0.5 if turn % 2 else -0.5
                 known = (np.full(count, view), np.full(count, image), low[on], rows[row][on], np.full(count, alpha))
@@ -95,3 +117,20 @@ def stripes_of(
     columns_of = [np.concatenate(part) for part in zip(*parts, strict=True)]
     columns_of[2] = columns_of[2] + noise * rng.normal(size=len(columns_of[2]))
     return StripePoints(*columns_of)
+
+
+def _hidden(
+    target: Scene, face: Face, turned: Rotation, place: np.ndarray, eye: np.ndarray, sight: np.ndarray
+) -> np.ndarray:
+    """Whether (n,) another face is nearer along the lines of sight than this one."""
+    own = ((turned.apply(face.origin) + place - eye) @ turned.apply(face.normal)) / (sight @ turned.apply(face.normal))
+    hidden = np.zeros(len(eye), bool)
+    for other in target.faces:
+        if other is face:
+            continue
+        base, normal = turned.apply(other.origin) + place, turned.apply(other.normal)
+        reach = ((base - eye) @ normal) / (sight @ normal)
+        there = eye + reach[:, None] * sight - base
+        xy = np.column_stack([there @ turned.apply(other.u), there @ turned.apply(other.v)])
+        hidden |= (reach > 0) & (reach < own - 1e-9) & ((xy > 0) & (xy < other.size)).all(axis=1)
+    return hidden
