@@ -124,9 +124,17 @@ class Stabilisation:
         return Proposal(self.name, 1.0, command, words, settings.priority, AXES, facts=facts)
 
     def _station(self, pose: Pose, words: str) -> Proposal:
-        command = Command(0.0, self._to_depth(pose), self._to_heading(pose), float(np.clip(-0.5 * pose.tilt, -0.1, 0.1)))
+        command = Command(
+            0.0, self._to_depth(pose), self._to_heading(pose), float(np.clip(-0.5 * pose.tilt, -0.1, 0.1))
+        )
         return Proposal(
-            self.name, 1.0, command, f"{words}: holding depth and heading", self.settings.priority, AXES, facts={"target": 0.0}
+            self.name,
+            1.0,
+            command,
+            f"{words}: holding depth and heading",
+            self.settings.priority,
+            AXES,
+            facts={"target": 0.0},
         )
 
     def _to_depth(self, pose: Pose) -> float:

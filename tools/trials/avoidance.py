@@ -82,7 +82,12 @@ def make_world(seed: int) -> tuple[World, str, tuple[float, float, float]]:
     return World(still, movers), kind, goal
 
 
-def run(seed: int, controller: Controller = "garbi", level: Literal["profiles", "images"] = "profiles", longest: float = 110.0) -> Outcome:
+def run(
+    seed: int,
+    controller: Controller = "garbi",
+    level: Literal["profiles", "images"] = "profiles",
+    longest: float = 110.0,
+) -> Outcome:
     """Fly one trial: 5 % of the images lost, one dropout of 3 s, a current of up to 0.1 m/s, waves."""
     world, kind, goal = make_world(seed)
     rng = np.random.default_rng([seed, 78])
@@ -93,7 +98,13 @@ def run(seed: int, controller: Controller = "garbi", level: Literal["profiles", 
     silent = float(rng.uniform(5.0, 25.0))
     settings = BehaviourSettings(travel=TravelSettings(goal=goal))
     feed = DiveFeed(dive, settings.feed, level, lost=0.05, silent=((silent, silent + 3.0),))
-    pilots = {"garbi": Pilot, "omniscient": Omniscient, "none": NoAvoidance, "potential": PotentialField, "stop": StopZone}
+    pilots = {
+        "garbi": Pilot,
+        "omniscient": Omniscient,
+        "none": NoAvoidance,
+        "potential": PotentialField,
+        "stop": StopZone,
+    }
     pilot = pilots[controller](settings, feed.rig, feed.mount)
     if isinstance(pilot, Omniscient):
         pilot.know(world, dive)
@@ -118,5 +129,3 @@ def run(seed: int, controller: Controller = "garbi", level: Literal["profiles", 
             reached = True
             break
     return Outcome(seed, kind, controller, gap <= 0.0, reached, float(gap), now, length)
-
-

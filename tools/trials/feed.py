@@ -88,5 +88,3 @@ class DiveFeed:
             self._keep(image)
         size = (self.rig.camera.width, self.rig.camera.height)
         return self._detector.detect(decode(image, size), image.stamp_ns, self._angle.at(image.stamp_ns))
-
-

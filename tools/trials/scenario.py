@@ -22,7 +22,14 @@ def open_water(seed: int, rig: dict[str, Any] = FORWARD, **more: Any) -> Scenari
         "altitude": 1.1,
         "duration": 3600.0,
         "route": {"kind": "station"},
-        "seabed": {"margin": 9.0, "cell": 0.06, "stones": 0.0, "relief": 0.04, "ripple_height": 0.01, "ripple_length": 0.5},
+        "seabed": {
+            "margin": 9.0,
+            "cell": 0.06,
+            "stones": 0.0,
+            "relief": 0.04,
+            "ripple_height": 0.01,
+            "ripple_length": 0.5,
+        },
         "sway": {"translation": 0.02, "rotation": 0.005},
         **rig,
     }

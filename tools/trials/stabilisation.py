@@ -71,7 +71,9 @@ def run(thing: Thing, seed: int, current: float = 0.1) -> Held:
     """Hold at 1.5 m; after 50 s at 2 m. Current along the view, waves of 5 cm and 4 s."""
     world = world_of(thing)
     scenario = open_water(
-        seed, water={"current": (-current, 0.0)}, sway={"translation": 0.05 / np.sqrt(2), "rotation": 0.005, "period": 4.0}
+        seed,
+        water={"current": (-current, 0.0)},
+        sway={"translation": 0.05 / np.sqrt(2), "rotation": 0.005, "period": 4.0},
     )
     dive = world.make(scenario)
     target: Literal["plane", "cylinder", "patch"] = {"wall": "plane", "pipe": "cylinder", "rock": "patch"}[thing]  # type: ignore[assignment]
