@@ -173,8 +173,8 @@ def test_murky_water_stops_the_vehicle_and_clear_water_lets_it_on() -> None:
         surges.append(decision.command.surge)
         said.append(decision.text())
     assert max(surges[80:100]) > 0.05
-    assert max(surges[200:250]) == 0.0
-    assert "nothing has returned lately" in said[240] and "old" in said[240]
+    assert max(surges[235:250]) == 0.0
+    assert "nothing has returned lately" in said[245] and "old" in said[245]
     assert max(surges[300:]) > 0.05
 
 

@@ -14,7 +14,7 @@ from behaviours.situation import Situation
 from behaviours.space import Corridor, Nearby
 from behaviours.stabilisation import Stabilisation
 from behaviours.types import Pose, Profile, Proposal
-from tests.behaviour_parts import MOUNT, SECOND, pose, profile, space, wall
+from tests.behaviour_parts import MOUNT, SECOND, pose, profile, space
 
 NOTHING = Nearby(np.empty(0), np.empty((0, 3)), np.empty((0, 3)), np.empty(0, bool))
 VOLUME = space()
@@ -31,10 +31,15 @@ def hold(behaviour: Stabilisation, begin: float, seconds: float, distance: float
         at = pose(begin + 0.1 * n, **where)  # type: ignore[arg-type]
         shown = []
         if distance is not None:
-            points = wall(distance + 0.45, step=0.05) + np.array([0.0, 0.0, at.position[2]])
-            shown = [profile(points, at)]
+            shown = [profile(line(distance, n) + np.array([0.0, 0.0, at.position[2]]), at)]
         got.append(behaviour.propose(situation(at, shown)))
     return got
+
+
+def line(distance: float, n: int) -> np.ndarray:
+    """What the sheet lights of a wall at its n-th place."""
+    z = np.arange(-0.6, 0.6, 0.008)
+    return np.stack([np.full(len(z), distance + 0.45), np.full(len(z), 0.5 * np.sin(0.7 * n)), z], 1)
 
 
 def armed() -> Stabilisation:
@@ -137,7 +142,7 @@ def test_points_that_are_no_numbers_change_nothing() -> None:
     behaviour = armed()
     for n in range(40):
         at = pose(0.1 * n)
-        one = profile(wall(1.95, step=0.05), at)
+        one = profile(line(1.5, n), at)
         points = one.points.copy()
         points[::3] = np.nan
         last = behaviour.propose(situation(at, [replace(one, points=points)]))

@@ -92,8 +92,7 @@ def test_something_that_comes_into_free_water_moves_and_has_a_velocity() -> None
         ball = np.empty((0, 3))
         if number >= 3:
             y = 0.55 - 0.1 * 3.0 * (number - 3)
-            angle = np.linspace(-0.15, 0.15, 30)
-            yy, zz = np.meshgrid(angle, angle)
+            yy, zz = np.meshgrid(np.linspace(-0.15, 0.15, 30), np.linspace(-0.15, 0.15, 90))
             ball = np.stack([np.full(yy.size, 1.7), y + yy.ravel(), zz.ravel()], 1)
         for one, surprising in sweep(volume, np.concatenate([wall(2.8), ball]), 3.0 * number, number):
             movers.see(one, surprising)
