@@ -50,7 +50,7 @@ class Stops(Expectation):
     distance: float = Field(1.0, gt=0, description="from the bow, m")
 
     def judge(self, decisions: list[Decision]) -> tuple[str, str]:
-        worst, count, clear_since = 0.0, 0, -np.inf
+        worst, count = 0.0, 0
         times, surges, near = _series(decisions, self.distance)
         last_near = -np.inf
         for i in np.flatnonzero(near):
@@ -59,7 +59,6 @@ class Stops(Expectation):
                 stopped = np.flatnonzero((np.arange(len(times)) >= i) & (surges <= STOPPED))
                 worst = max(worst, times[stopped[0]] - times[i] if len(stopped) else np.inf)
             last_near = times[i]
-        del clear_since
         if not count:
             return "no encounter", f"nothing came nearer than {self.distance} m"
         words = f"{count} times something came nearer than {self.distance} m; the slowest stop took {worst:.2f} s"
@@ -71,17 +70,18 @@ class Holds(Expectation):
 
     kind: Literal["holds"]
     share: float = Field(0.9, ge=0, le=1)
+    after: float = Field(0.6, ge=0, description="s since it came near, from which on the vehicle has to stand")
     distance: float = Field(1.0, gt=0, description="m")
 
     def judge(self, decisions: list[Decision]) -> tuple[str, str]:
         times, surges, near = _series(decisions, self.distance)
-        held = [
-            surges[k] <= STOPPED
-            for k in range(len(times))
-            if (near & (times <= times[k]) & (times >= times[k] - 6.0)).any()
-            and not (near & (times <= times[k]) & (times >= times[k] - 0.6)).all()
-            and (near & (times <= times[k] - 0.6)).any()
-        ]
+        held, began, last = [], -np.inf, -np.inf
+        for k in np.flatnonzero(near):
+            if times[k] - last > CLEAR:
+                began = times[k]
+            last = times[k]
+            if times[k] - began >= self.after:
+                held.append(surges[k] <= STOPPED)
         if not held:
             return "no encounter", f"nothing stayed nearer than {self.distance} m"
         share = float(np.mean(held))

@@ -33,8 +33,6 @@ def _inside(i, j, k, low, shape):  # type: ignore[no-untyped-def]
 def _free(a, b, c, now, sweep, hold, hold_moving, free_ms, hit_ms, since_ms, hits, passes, last_pass, moving):  # type: ignore[no-untyped-def]
     if hits[a, b, c] > 0 and now - hit_ms[a, b, c] > (hold_moving if moving[a, b, c] else hold):
         hits[a, b, c] = 0
-        if not moving[a, b, c]:
-            since_ms[a, b, c] = NEVER
         moving[a, b, c] = 0
     if since_ms[a, b, c] == NEVER and hits[a, b, c] == 0:
         since_ms[a, b, c] = now
@@ -167,6 +165,7 @@ def hit(
     voxel: float,
     low: NDArray[np.int64],
     shape: NDArray[np.int64],
+    least: int,
     now: int,
     free_passes: int,
     free_time: int,
@@ -194,21 +193,18 @@ def hit(
                             continue
                         e, f, g = (i + di) % shape[0], (j + dj) % shape[1], (k + dk) % shape[2]
                         fresh = hit_ms[e, f, g] == now or moving[e, f, g] == 1
-                        if (
-                            since_ms[e, f, g] == NEVER
-                            or (hits[e, f, g] > 0 and not fresh)
-                            or passes[e, f, g] < free_passes
-                            or now - since_ms[e, f, g] < free_time
-                        ):
+                        if since_ms[e, f, g] == NEVER or (hits[e, f, g] >= least and not fresh):
+                            ever = False
+                        elif passes[e, f, g] < free_passes or now - since_ms[e, f, g] < free_time:
                             ever = False
         surprising[p] = ever
-        if now - hit_ms[a, b, c] > 1000 and hits[a, b, c] < 3:
+        if now - hit_ms[a, b, c] > 1000 and hits[a, b, c] < least:
             hits[a, b, c] = 0  # a lone flake of snow long ago does not add up
         hits[a, b, c] = min(hits[a, b, c] + weight[p], 250)
         hit_ms[a, b, c] = now
         if ever:
             moving[a, b, c] = 1
-        else:
+        elif hits[a, b, c] >= least:  # a flake of snow does not make water a place where things stand
             since_ms[a, b, c] = NEVER
             moving[a, b, c] = 0
     return surprising

@@ -9,7 +9,7 @@ import numpy as np
 from behaviours.types import Profile
 from garbi_map.log.records import Floats
 
-GATE, LEAST, QUIET, FORGET = 0.6, 12, 0.3, 8.0  # m, points, s, s
+GATE, LEAST, QUIET, LONGEST, FORGET = 0.6, 12, 0.2, 0.8, 8.0  # m, points, s, s, s
 FASTEST = 0.5  # m/s
 SPREAD = 0.05  # m, 1 sigma of a cluster's centre seen by a slit
 
@@ -59,7 +59,8 @@ class Movers:
             self._gather(profile, profile.points[surprising])
         for cluster in self._open:
             quiet = (profile.stamp_ns - cluster.last_ns) * 1e-9 > QUIET
-            if not cluster.used and cluster.count >= LEAST and (quiet or cluster.count >= 3 * LEAST):
+            long = (cluster.last_ns - cluster.first_ns) * 1e-9 > LONGEST
+            if not cluster.used and cluster.count >= LEAST and len(cluster.points) > 1 and (quiet or long):
                 self._track(cluster)
         self._open = [one for one in self._open if abs(profile.stamp_ns - one.last_ns) * 1e-9 <= QUIET]
         self._tracks = [one for one in self._tracks if 0 <= profile.stamp_ns - one.stamp_ns < FORGET * 1e9]

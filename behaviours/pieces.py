@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from garbi_map.log.records import Floats
 
 ROW_GAP, STEP = 4, 0.12  # rows, m between neighbours of one piece
-EXTENT = 0.05  # m, of a piece that no flake reaches
+EXTENT = 0.12  # m, of a piece that neither a flake nor a few in a row reach
 
 
 def solid(row: NDArray[np.int32], depth: Floats, rad_per_row: float) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:

@@ -45,7 +45,7 @@ class ClearWater(Settings):
     attenuation: Positive = Field(0.3, description="worst beam attenuation of the light that still counts, 1/m")
     darkest: Share = Field(0.35, description="reflectance of the darkest surface relative to those seen lately")
     faintest: Positive = Field(8.0, description="grey levels at which a stripe is found for sure")
-    believed: Positive = Field(8.0, description="returns prove the water's clarity for this long, s")
+    believed: Positive = Field(4.0, description="returns prove the water's clarity for this long, s")
     farthest: Positive = Field(3.2, description="never more than this, m along the optical axis")
 
 

@@ -155,7 +155,8 @@ class Space:
     def _hit(self, points: Floats, weight: int, now: int) -> NDArray[np.bool_]:
         settings = self.settings
         return kernels.hit(
-            points, np.full(len(points), weight), self.voxel, self.low, self.shape, now, settings.free_passes,
+            points, np.full(len(points), weight), self.voxel, self.low, self.shape, settings.hits, now,
+            settings.free_passes,
             round(settings.free_time * 1e3), self.layers,
         )  # fmt: skip
 
