@@ -43,7 +43,7 @@ def surfels_of(number: int, points: np.ndarray, size: float = 0.03) -> Surfels:
     n = len(points)
     camera = np.tile([0.2, 0.0, -1.6], (n, 1))
     when = np.full(n, 2.0 * number)
-    return extract_surfels(points, np.full(n, 3e-4), when, np.full(n, number, np.int64), camera, size, 8)
+    return extract_surfels(points, np.full(n, 3e-4), np.arange(n), when, np.full(n, number, np.int64), camera, size, 8)
 
 
 def moved_about(points: np.ndarray, shift: list[float], turn: list[float]) -> tuple[np.ndarray, np.ndarray]:

@@ -19,7 +19,7 @@ def extract(points: np.ndarray, size: float = 0.1, fewest: int = 8, sweep: np.nd
     n = len(points)
     camera = np.tile([0.0, 0.0, 1.5], (n, 1))
     number = np.zeros(n, np.int64) if sweep is None else sweep
-    return extract_surfels(points, np.full(n, 1e-3), np.zeros(n), number, camera, size, fewest)
+    return extract_surfels(points, np.full(n, 1e-3), np.arange(n), np.zeros(n), number, camera, size, fewest)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -66,7 +66,7 @@ def test_sure_points_weigh_more():
     points = np.column_stack([random.uniform(0.01, 0.09, (50, 2)), np.full(50, 0.05)])
     sigma, time = random.uniform(1e-3, 1e-2, 50), random.uniform(0, 1, 50)
     camera = np.tile([0.0, 0.0, 1.0], (50, 1))
-    surfels = extract_surfels(points, sigma, time, np.zeros(50, np.int64), camera, 0.1, 8)
+    surfels = extract_surfels(points, sigma, np.arange(50), time, np.zeros(50, np.int64), camera, 0.1, 8)
     assert surfels.mean[0] == pytest.approx(np.average(points, axis=0, weights=sigma**-2))
     assert surfels.time[0] == pytest.approx(np.average(time, weights=sigma**-2))
 
@@ -78,7 +78,7 @@ def test_voxel_groups_are_those_of_numpy(seed, n, size):
     random = np.random.default_rng(seed)
     points, sweep = random.uniform(-2, 2, (n, 3)), random.integers(0, 4, n)
     group, group_sweep = np.empty(n, np.int64), np.empty(n, np.int64)
-    count = kernels.group_by_voxel(points, sweep, size, group, group_sweep)
+    count = kernels.group_by_voxel(points, np.arange(len(points)), sweep, size, group, group_sweep)
     keys = np.column_stack([np.floor(points / size).astype(np.int64), sweep])
     _, first, inverse = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     by_appearance = np.argsort(np.argsort(first))

@@ -77,10 +77,9 @@ class Scans:
 
     def surfels(self, motion: Motion, size: float, fewest: int) -> Surfels:
         """Surfels of every sweep as the motion has them."""
-        time = self.time[self.profile]
-        viewpoint = motion.position(self.time)[self.profile]
-        sweep = self.sweep[self.profile]
-        return extract_surfels(self.placed(motion), self.sigma.astype(float), time, sweep, viewpoint, size, fewest)
+        viewpoint = motion.position(self.time)
+        placed = self.placed(motion)
+        return extract_surfels(placed, self.sigma, self.profile, self.time, self.sweep, viewpoint, size, fewest)
 
 
 @dataclass(frozen=True)

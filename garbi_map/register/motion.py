@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,11 +29,15 @@ class PriorAttitude:
     time: Floats
     quaternion: Floats
 
+    @cached_property
+    def _slerp(self) -> Slerp:
+        return Slerp(self.time, Rotation.from_quat(self.quaternion))
+
     def at(self, t: Floats) -> Rotation:
         """The attitudes at t (m,)."""
         if len(self.time) == 1:
             return Rotation.from_quat(np.repeat(self.quaternion, len(t), axis=0))
-        return Slerp(self.time, Rotation.from_quat(self.quaternion))(np.clip(t, self.time[0], self.time[-1]))
+        return self._slerp(np.clip(t, self.time[0], self.time[-1]))
 
 
 class Motion:

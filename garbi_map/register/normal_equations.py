@@ -75,5 +75,6 @@ class NormalEquations:
     def _factor(self) -> tuple[Floats, bool]:
         from scipy.linalg import cho_factor
 
-        ridge = 1e-9 * np.eye(len(self.vector))  # unknowns that no row touches
-        return cho_factor(self.matrix + ridge, lower=True, check_finite=False)
+        matrix = self.matrix.copy()
+        matrix[np.diag_indices_from(matrix)] += 1e-9  # unknowns that no row touches
+        return cho_factor(matrix, lower=True, overwrite_a=True, check_finite=False)
