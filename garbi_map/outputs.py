@@ -33,7 +33,19 @@ from garbi_map.sweep.store import SweepStore
 if TYPE_CHECKING:
     from garbi_map.pipeline import Dive, Map
 
-_LIBRARIES = ("numpy", "scipy", "numba", "mcap", "rosbags", "filterpy", "kiss-icp", "open3d", "rerun-sdk", "laspy", "rasterio")
+_LIBRARIES = (
+    "numpy",
+    "scipy",
+    "numba",
+    "mcap",
+    "rosbags",
+    "filterpy",
+    "kiss-icp",
+    "open3d",
+    "rerun-sdk",
+    "laspy",
+    "rasterio",
+)
 
 OUTPUTS = {
     "trajectory.tum": "map <- base_link, at 50 Hz and at every profile",
@@ -48,9 +60,7 @@ OUTPUTS = {
 }
 
 
-def write_outputs(
-    out: Path, dive: Dive, store: SweepStore, built: Map, started: float, progress: Progress
-) -> None:
+def write_outputs(out: Path, dive: Dive, store: SweepStore, built: Map, started: float, progress: Progress) -> None:
     """Write everything but cloud.laz, which the fusion has written; report.json and report.html come last."""
     from garbi_map.view import record_map
 
@@ -143,5 +153,7 @@ def _pose_uncertainty(built: Map) -> list[Quantity]:
     return [
         Quantity(name="position, 1 sigma", value=1e3 * float(np.linalg.norm(middle[:3])), unit="mm", note="median"),
         Quantity(name="roll and pitch, 1 sigma", value=float(np.rad2deg(middle[3:5].max())), unit="deg", note="median"),
-        Quantity(name="heading, 1 sigma", value=float(np.rad2deg(middle[5])), unit="deg", note="median, relative to north"),
+        Quantity(
+            name="heading, 1 sigma", value=float(np.rad2deg(middle[5])), unit="deg", note="median, relative to north"
+        ),
     ]

@@ -76,9 +76,7 @@ def build_map(
         navigated = navigate(dive.navigation, config.navigate, store.stamps())
     with timed(dive, "registration"):
         progress.stage("registration")
-        registered = register(
-            store, dive.navigation, navigated, config.registration, config.navigate, progress.note
-        )
+        registered = register(store, dive.navigation, navigated, config.registration, config.navigate, progress.note)
     with timed(dive, "seabed"):
         progress.stage("seabed", 2 * len(store))
         seabed, builder = fuse(dive, store, registered.trajectory, out, progress)

@@ -12,7 +12,9 @@ from garbi_map.cli.app import app
 
 @app.command("map")
 def map_(
-    logs: Annotated[list[Path], typer.Argument(help="MCAP files or rosbag2 directories of one dive.", show_default=False)],
+    logs: Annotated[
+        list[Path], typer.Argument(help="MCAP files or rosbag2 directories of one dive.", show_default=False)
+    ],
     out: Annotated[Path, typer.Option("--output", "-o", help="Folder that the map is written into.")],
     rig: Annotated[Path | None, typer.Option(help="rig.yaml; wins over the one attached to the log.")] = None,
     config: Annotated[Path | None, typer.Option(help="Configuration (YAML).")] = None,

@@ -34,7 +34,6 @@ def spline_run(first: NDArray[np.int64], weights: Floats, axes: Floats, offset: 
     return Run(offset + 3 * first, (weights[:, :, None] * axes[:, None, :]).reshape(len(first), RUN))
 
 
-
 class NormalEquations:
     """Accumulates J' W J and J' W r of rows residual + J x = 0 and solves for x."""
 

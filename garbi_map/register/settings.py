@@ -32,7 +32,9 @@ class FrontEndSettings(Settings):
     local_map: float = Field(3.0, gt=0.1, description="points farther than this from the sweep are forgotten, m")
     weakest: float = Field(1e7, gt=0, description="a direction with less information is not corrected, 1/m^2")
     loop_matches: int = Field(60, ge=6, description="fewest matched surfels of a loop")
-    loop_agreement: float = Field(0.002, gt=0, description="median distance of matched surfels after a loop is closed, m")
+    loop_agreement: float = Field(
+        0.002, gt=0, description="median distance of matched surfels after a loop is closed, m"
+    )
 
 
 class RegisterSettings(Settings):

@@ -35,9 +35,7 @@ class UniformSpline:
         first = s.astype(np.int64)
         u = s - first
         if derivative == 0:
-            weights = np.stack(
-                [(1 - u) ** 3, 3 * u**3 - 6 * u**2 + 4, -3 * u**3 + 3 * u**2 + 3 * u + 1, u**3], axis=-1
-            )
+            weights = np.stack([(1 - u) ** 3, 3 * u**3 - 6 * u**2 + 4, -3 * u**3 + 3 * u**2 + 3 * u + 1, u**3], axis=-1)
             return first, weights / 6
         if derivative == 1:
             weights = np.stack([-((1 - u) ** 2), 3 * u**2 - 4 * u, -3 * u**2 + 2 * u + 1, u**2], axis=-1)

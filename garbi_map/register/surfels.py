@@ -44,7 +44,9 @@ class Surfels:
         """Each moved by the transform (k, 4, 4) of its sweep."""
         own = transforms[self.sweep]
         mean = np.einsum("nij,nj->ni", own[:, :3, :3], self.mean) + own[:, :3, 3]
-        return Surfels(mean, np.einsum("nij,nj->ni", own[:, :3, :3], self.normal), self.time, self.sweep, self.thickness)
+        return Surfels(
+            mean, np.einsum("nij,nj->ni", own[:, :3, :3], self.normal), self.time, self.sweep, self.thickness
+        )
 
 
 def join(first: Surfels, second: Surfels) -> Surfels:

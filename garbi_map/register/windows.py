@@ -95,7 +95,11 @@ def load_scans(store: SweepStore, mount: Mount, sensors: Sensors, begin: float, 
 
 
 def solve_near(
-    store: SweepStore, mount: Mount, sensors: Sensors, span: tuple[float, float], settings: DriftSettings,
+    store: SweepStore,
+    mount: Mount,
+    sensors: Sensors,
+    span: tuple[float, float],
+    settings: DriftSettings,
     progress: Callable[[str], None],
 ) -> Solution:
     """The path that makes neighbours in time agree; what is far apart in time may be off by what adds up."""
@@ -103,7 +107,11 @@ def solve_near(
 
 
 def solve_far(
-    store: SweepStore, mount: Mount, sensors: Sensors, start: Path, settings: DriftSettings,
+    store: SweepStore,
+    mount: Mount,
+    sensors: Sensors,
+    start: Path,
+    settings: DriftSettings,
     progress: Callable[[str], None],
 ) -> Solution:
     """From a path that is right to centimetres everywhere, the one that makes all sweeps agree."""
@@ -111,17 +119,20 @@ def solve_far(
 
 
 def _solve(
-    store: SweepStore, mount: Mount, sensors: Sensors, span: tuple[float, float], settings: DriftSettings,
-    start: Path | None, progress: Callable[[str], None],
+    store: SweepStore,
+    mount: Mount,
+    sensors: Sensors,
+    span: tuple[float, float],
+    settings: DriftSettings,
+    start: Path | None,
+    progress: Callable[[str], None],
 ) -> Solution:
     solution: Solution | None = None
     windows = split(*span, settings)
     for number, (begin, end) in enumerate(windows):
         progress(f"window {number + 1} of {len(windows)}")
         scans = load_scans(store, mount, sensors, begin, end, settings.window_points)
-        motion = Motion(
-            begin, end, sensors.prior_attitude, settings.position_knots, sensors.attitude_knots(settings)
-        )
+        motion = Motion(begin, end, sensors.prior_attitude, settings.position_knots, sensors.attitude_knots(settings))
         if start is not None:
             t = np.arange(begin, end, _OUTPUT_STEP)
             motion.fit(t, *start.at(t))
@@ -189,5 +200,3 @@ def _blend(earlier: Path, later: Path) -> Path:
         np.r_[earlier.quaternion[before], (Rotation.from_rotvec(between * weight) * rotation).as_quat()],
         np.r_[earlier.covariance[before], later.covariance],
     )
-
-

@@ -30,5 +30,7 @@ class StripeSettings(Settings):
     least_contrast: float = Field(10.0, gt=0, le=255, description="least peak above its surroundings, 0..255")
     significance: float = Field(5.0, gt=0, description="least peak above its surroundings, in noise sigmas")
     least_run: int = Field(5, ge=1, description="a piece of the stripe of fewer rows is dropped")
-    largest_step: float = Field(4.0, gt=0, description="columns by which neighbouring rows of one piece differ at most, px")
+    largest_step: float = Field(
+        4.0, gt=0, description="columns by which neighbouring rows of one piece differ at most, px"
+    )
     max_pixels: int = Field(50_000_000, ge=10_000, description="larger images are refused before they are decoded")
