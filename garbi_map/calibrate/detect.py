@@ -48,14 +48,33 @@ def _checkerboard(grey: NDArray[np.uint8], target: Checkerboard) -> tuple[NDArra
     import cv2
 
     size = target.inner_corners
-    flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
-    done, corners = cv2.findChessboardCornersSB(grey, size, flags=flags)
-    if not done:
-        done, corners = cv2.findChessboardCorners(grey, size, flags=cv2.CALIB_CB_ADAPTIVE_THRESH)
-        if not done:
-            return None
-    pixel = refined(grey, np.asarray(corners, float).reshape(-1, 2), 0.35)
-    return np.arange(len(pixel)), _in_printed_order(grey, pixel, size)
+    exhaustive = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
+    ways = (
+        lambda: cv2.findChessboardCornersSB(grey, size, flags=exhaustive),
+        lambda: cv2.findChessboardCornersSB(grey, size, flags=cv2.CALIB_CB_NORMALIZE_IMAGE),
+        lambda: cv2.findChessboardCorners(
+            grey, size, flags=cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
+        ),
+    )
+    for way in ways:
+        done, corners = way()
+        if done:
+            pixel = refined(grey, np.asarray(corners, float).reshape(-1, 2), 0.35)
+            if _alternates(grey, pixel, size):
+                return np.arange(len(pixel)), _in_printed_order(grey, pixel, size)
+    return None
+
+
+def _alternates(grey: NDArray[np.uint8], pixel: Floats, size: tuple[int, int]) -> bool:
+    """Whether the squares about every corner are dark and light in turn: a board's border looks like corners, too."""
+    grid = pixel.reshape(size[1], size[0], 2)
+    along, down = np.gradient(grid, axis=1), np.gradient(grid, axis=0)
+    image = grey.astype(float)
+    corners = [_sampled(image, grid + 0.3 * (p * along + q * down)) for p, q in ((1, 1), (-1, -1), (1, -1), (-1, 1))]
+    one = np.minimum(corners[0], corners[1]) > np.maximum(corners[2], corners[3])
+    other = np.minimum(corners[2], corners[3]) > np.maximum(corners[0], corners[1])
+    even = np.add.outer(np.arange(size[1]), np.arange(size[0])) % 2 == 0
+    return bool(max(np.where(even, one, other).mean(), np.where(even, other, one).mean()) > 0.97)
 
 
 def _in_printed_order(grey: NDArray[np.uint8], pixel: Floats, size: tuple[int, int]) -> Floats:
