@@ -18,7 +18,7 @@ from garbi_map.errors import GarbiError
 from tests.behaviour_parts import START, pose
 
 LOGS = Path(__file__).resolve().parents[1] / "logs"
-SHARE = st.floats(0, 1)
+SHARE = st.just(0.0) | st.floats(0.001, 1)
 
 
 def test_hybrid_coordination_is_the_published_formula() -> None:
