@@ -41,7 +41,7 @@ class LiveNavigation:
 
     def imu(self, stamp_ns: int, rate: Floats, force: Floats, attitude: Floats) -> None:
         """rate (3,), force (3,) in imu_link; attitude (4,) xyzw, NaN where there is none."""
-        if self.last_ns and not 0 < stamp_ns - self.last_ns:
+        if self.last_ns and not stamp_ns - self.last_ns > 0:
             self.refused += 1
             if self.last_ns - stamp_ns < 1_000_000_000:
                 return

@@ -105,7 +105,6 @@ def test_a_bad_plan_is_named_in_one_line(text: str, words: str) -> None:
 
 
 def run(*arguments: object) -> tuple[int, str]:
-    import behaviours.cli
     import garbi_map.cli.sweep  # noqa: F401  (an application of one command would take no command name)
     from garbi_map.cli.app import app
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from behaviours.pilot import Pilot
 from behaviours.settings import AvoidanceSettings, BehaviourSettings, Prior, SurveySettings
+from behaviours.survey import Survey
 from tools.simulator.sensors import START_NS
 from tools.trials.feed import DiveFeed
 from tools.trials.scenario import open_water
@@ -19,7 +20,8 @@ AREA = (0.5, -2.0, 4.5, 2.0)
 
 @dataclass(frozen=True)
 class Surveyed:
-    """coverage share of the area's cells; path m; seconds; best: m, the straight lanes of the same width without turns."""
+    """coverage share of the area's cells; path m; seconds; best: m, straight lanes of the
+    median width with the overlap asked for, and the steps between them."""
 
     seed: int
     coverage: float
@@ -49,7 +51,7 @@ def run(seed: int, longest: float = 600.0, relief: float = 0.1) -> Surveyed:
     )
     feed = DiveFeed(dive, settings.feed)
     pilot = Pilot(settings, feed.rig, feed.mount)
-    now, path, before, share, width = 0.0, 0.0, dive.vehicle.position.copy(), 0.0, 1.0
+    now, path, before, share, widths = 0.0, 0.0, dive.vehicle.position.copy(), 0.0, [1.0]
     while now < longest:
         now += PERIOD
         decision = pilot.decide(feed.until(START_NS + round(now * 1e9)))
@@ -58,8 +60,15 @@ def run(seed: int, longest: float = 600.0, relief: float = 0.1) -> Surveyed:
         before = dive.vehicle.position.copy()
         proposal = decision.proposal("survey")
         if proposal is not None:
+            widths += [right - left for left, right in [_width(pilot)] if right > left]
             share = proposal.facts["coverage"]
             if proposal.reason.startswith("done"):
                 break
-    lanes = int(np.ceil((AREA[3] - AREA[1]) / (width * 0.8)))
-    return Surveyed(seed, share, path, now, lanes * (AREA[2] - AREA[0]) + AREA[3] - AREA[1])
+    width, overlap, side = float(np.median(widths)), 0.2, AREA[3] - AREA[1]
+    lanes = 1 + int(np.ceil(max(side - width, 0.0) / (width * (1 - overlap))))
+    return Surveyed(seed, share, path, now, lanes * (AREA[2] - AREA[0]) + max(side - width, 0.0))
+
+
+def _width(pilot: Pilot) -> tuple[float, float]:
+    survey = next(one for one in pilot.behaviours if isinstance(one, Survey))
+    return survey.coverage.width or (0.0, 0.0)
