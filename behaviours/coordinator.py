@@ -16,6 +16,7 @@ import numpy as np
 from behaviours.types import AXES, Command, Proposal
 
 SUPPRESSION = 1
+NEGLIGIBLE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ class Coordinated:
 
 def coordinate(proposals: list[Proposal], now_ns: int) -> Coordinated:
     """Merge what has not expired, from the highest priority down; nothing active: stop."""
-    valid = [one for one in proposals if one.expires_ns > now_ns and one.activation > 0.0]
+    valid = [one for one in proposals if one.expires_ns > now_ns and one.activation > NEGLIGIBLE]
     valid.sort(key=lambda one: (-one.priority, one.name))
     values, total = np.zeros(4), np.zeros(4)
     shares: dict[str, float] = {}

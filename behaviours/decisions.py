@@ -50,6 +50,7 @@ class Decision:
         parts = [f"{one.name} {one.activation:.2f}: {one.reason}" for one in self.proposals]
         parts.append(f"coordinator: {self.merging}")
         parts.append("safety: " + ("; ".join(self.changes) or "nothing to change"))
+        parts.append(f"view: {self.view}")
         parts += [f"input: {trouble}" for trouble in self.troubles]
         return " | ".join(parts)
 

@@ -58,9 +58,9 @@ def _walk(start, end, stop_short, voxel, low, shape, hits, least, now, sweep, ho
     li = lj = lk = -(2**30)
     for s in range(steps + 1):
         w = reach * s / (steps * length)
-        i = int(math.floor((start[0] + w * dx) / voxel))
-        j = int(math.floor((start[1] + w * dy) / voxel))
-        k = int(math.floor((start[2] + w * dz) / voxel))
+        i = math.floor((start[0] + w * dx) / voxel)
+        j = math.floor((start[1] + w * dy) / voxel)
+        k = math.floor((start[2] + w * dz) / voxel)
         if i == li and j == lj and k == lk:
             continue
         li, lj, lk = i, j, k
@@ -171,14 +171,16 @@ def hit(
     free_time: int,
     layers: tuple,
 ) -> NDArray[np.bool_]:
-    """Mark the voxels of points (n, 3), odom, each counting `weight` (n,) hits; True (n,) where water that had long been free, with its neighbours, was hit."""
-    free_ms, hit_ms, since_ms, hits, passes, _, moving = layers
+    """Mark the voxels of points (n, 3), odom, each counting `weight` (n,) hits.
+
+    True (n,) where water that had long been free, with its neighbours, was hit."""
+    _free_ms, hit_ms, since_ms, hits, passes, _, moving = layers
     n = points.shape[0]
     surprising = np.zeros(n, np.bool_)
     for p in range(n):
-        i = int(math.floor(points[p, 0] / voxel))
-        j = int(math.floor(points[p, 1] / voxel))
-        k = int(math.floor(points[p, 2] / voxel))
+        i = math.floor(points[p, 0] / voxel)
+        j = math.floor(points[p, 1] / voxel)
+        k = math.floor(points[p, 2] / voxel)
         if not _inside(i, j, k, low, shape):
             continue
         a, b, c = i % shape[0], j % shape[1], k % shape[2]
@@ -193,9 +195,12 @@ def hit(
                             continue
                         e, f, g = (i + di) % shape[0], (j + dj) % shape[1], (k + dk) % shape[2]
                         fresh = hit_ms[e, f, g] == now or moving[e, f, g] == 1
-                        if since_ms[e, f, g] == NEVER or (hits[e, f, g] >= least and not fresh):
-                            ever = False
-                        elif passes[e, f, g] < free_passes or now - since_ms[e, f, g] < free_time:
+                        if (
+                            since_ms[e, f, g] == NEVER
+                            or (hits[e, f, g] >= least and not fresh)
+                            or passes[e, f, g] < free_passes
+                            or now - since_ms[e, f, g] < free_time
+                        ):
                             ever = False
         surprising[p] = ever
         if now - hit_ms[a, b, c] > 1000 and hits[a, b, c] < least:
@@ -282,9 +287,8 @@ def nearest(
             for k in range(max(first[2], low[2]), min(last[2] + 1, low[2] + shape[2])):
                 c = k % shape[2]
                 occupied = hits[a, b, c] >= least
-                if not occupied:
-                    if free_ms[a, b, c] != NEVER or k * voxel >= assumed_free_above:
-                        continue
+                if not occupied and (free_ms[a, b, c] != NEVER or k * voxel >= assumed_free_above):
+                    continue
                 x, y, z = (
                     (i + 0.5) * voxel - position[0],
                     (j + 0.5) * voxel - position[1],
@@ -313,7 +317,7 @@ def nearest(
                     nx, ny, nz = nx / d, ny / d, nz / d
                 gap = d - 0.5 * voxel
                 which = 0 if occupied else 1
-                bin_ = (int(round(2 * nx)) + 2) * 25 + (int(round(2 * ny)) + 2) * 5 + int(round(2 * nz)) + 2
+                bin_ = (round(2 * nx) + 2) * 25 + (round(2 * ny) + 2) * 5 + round(2 * nz) + 2
                 if gap < best[which, bin_]:
                     best[which, bin_] = gap
                     normals[which, bin_, 0], normals[which, bin_, 1], normals[which, bin_, 2] = nx, ny, nz
@@ -366,7 +370,7 @@ def ahead(
                 px = position[0] + rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z
                 py = position[1] + rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z
                 pz = position[2] + rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z
-                i, j, k = int(math.floor(px / voxel)), int(math.floor(py / voxel)), int(math.floor(pz / voxel))
+                i, j, k = math.floor(px / voxel), math.floor(py / voxel), math.floor(pz / voxel)
                 kind = UNKNOWN
                 if _inside(i, j, k, low, shape):
                     a, b, c = i % shape[0], j % shape[1], k % shape[2]

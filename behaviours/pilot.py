@@ -11,12 +11,13 @@ from behaviours.avoidance import Avoidance
 from behaviours.coordinator import coordinate
 from behaviours.decisions import Decision
 from behaviours.feed import Seen
-from behaviours.moving import Movers
+from behaviours.moving import Mover, Movers
 from behaviours.safety import SafetyFilter
 from behaviours.settings import BehaviourSettings
 from behaviours.situation import Situation
 from behaviours.space import Space
 from behaviours.stabilisation import Stabilisation
+from behaviours.survey import Survey
 from behaviours.travel import Travel
 from behaviours.types import Command, Pose, Proposal
 from garbi_map.log.records import Floats, Mount
@@ -49,6 +50,8 @@ class Pilot:
             self.behaviours.append(Avoidance(settings.avoidance, settings.vehicle))
         if settings.travel:
             self.behaviours.append(Travel(settings.travel, settings.vehicle))
+        if settings.survey and settings.survey.area:
+            self.behaviours.append(Survey(settings.survey, float(mount.translation[0])))
         if settings.hold:
             self.behaviours.append(Stabilisation(settings.hold, mount.translation))
         self._half = np.array(settings.vehicle.hull) / 2
@@ -73,6 +76,7 @@ class Pilot:
         )
         corridor = situation.corridor
         view = f"free {corridor.length:.1f} m ahead, then {corridor.end}; seen {min(corridor.age, 999.0):.1f} s ago"
+        view += "".join(_words(mover, seen.pose) for mover in situation.movers)
         return Decision(
             seen.now_ns,
             seen.pose,
@@ -99,7 +103,7 @@ class Pilot:
             self.space,
             self.space.nearby(pose, self.settings.safety.horizon),
             self.space.corridor(pose, LOOK),
-            [one for one in self.movers.now() if one.passes >= 1],
+            self.movers.now(),
             troubles,
         )
 
@@ -113,6 +117,12 @@ class Pilot:
             if len(points) >= 5:
                 nearest = min(nearest, float(np.sort(points[:, 0])[4] - self._half[0]))
         return nearest
+
+
+def _words(mover: Mover, pose: Pose) -> str:
+    x, y, _ = pose.to_base(mover.at(pose.stamp_ns)[None])[0]
+    speed = float(np.linalg.norm(mover.velocity))
+    return f"; something moving at {x:.1f} m ahead, {y:+.1f} m to port, {speed:.2f} m/s, seen in {mover.passes} passes"
 
 
 def in_the_way(points: Floats, half: Floats) -> Floats:

@@ -12,7 +12,7 @@ from behaviours.space import Space
 from behaviours.types import Pose
 from garbi_map.log.records import Floats
 
-NEAR_PRICE, CLIMB_PRICE = 3.0, 1.6
+NEAR_PRICE, CLIMB_PRICE = 3.0, 4.0
 UNSEEN_PRICE, BLIND_PRICE, BLIND = 1.0, 8.0, 1.6  # what is unseen this near (m) will not come into view from here
 LAYER = 0.2  # m between heights
 
@@ -34,7 +34,7 @@ class Planner:
         heights = middle + LAYER * (np.arange(count) - count // 2)
         keep_off = self._half[1] + 0.38
         cost = np.empty(occupied.shape, np.float32)
-        i, j = np.indices(occupied.shape[1:], sparse=True)
+        i, j = np.ogrid[: occupied.shape[1], : occupied.shape[2]]
         own_cell = self._cell(space, pose.position, heights)
         price = np.where(np.hypot(i - own_cell[1], j - own_cell[2]) * voxel < BLIND, BLIND_PRICE, UNSEEN_PRICE)
         for n in range(count):
@@ -91,7 +91,7 @@ class Planner:
         """The reached cell from which the straight way on to the target is cheapest."""
         if not np.isfinite(reached).any():
             return None
-        n, i, j = np.indices(reached.shape, sparse=True)
+        n, i, j = np.ogrid[: reached.shape[0], : reached.shape[1], : reached.shape[2]]
         rest = np.sqrt((i - target[1]) ** 2 + (j - target[2]) ** 2 + (2 * CLIMB_PRICE * (n - target[0])) ** 2)
         total = reached + 3.0 * rest
         return np.array(np.unravel_index(int(np.argmin(total)), reached.shape), np.int64)

@@ -112,7 +112,7 @@ class TravelSettings(Settings):
     arrived: Positive = Field(0.35, description="a goal this near is reached, m")
     replan: Positive = Field(1.0, description="between plans, s")
     patience: Positive = Field(8.0, description="without progress for this long it backs off to look again, s")
-    band: Positive = Field(0.9, description="heights above and below the vehicle that are considered, m")
+    band: Positive = Field(0.5, description="heights above and below the vehicle that are considered, m")
 
 
 class HoldSettings(Settings):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,6 +106,7 @@ class Space:
         wanted = np.floor(position / self.voxel).astype(np.int64) - self.shape // 2
         if (np.abs(wanted - self.low) * self.voxel < 0.5).all():
             return
+        layers: tuple[NDArray[Any], ...] = self.layers
         for axis in range(3):
             shift = int(wanted[axis] - self.low[axis])
             count = int(self.shape[axis])
@@ -120,7 +122,7 @@ class Space:
                 )
             )
             place = (slice(None),) * axis + (np.mod(new, count),)
-            for layer, blank in zip(self.layers, self._blank, strict=True):
+            for layer, blank in zip(layers, self._blank, strict=True):
                 layer[place] = blank
             self.low[axis] = wanted[axis]
 
@@ -211,7 +213,7 @@ class Space:
         if above is None:
             self.assumed_free_above = np.inf
             return
-        occupied = (self.layers[3] >= self.settings.hits).any(axis=(0, 1))
+        occupied = np.asarray((self.layers[3] >= self.settings.hits).any(axis=(0, 1)))
         numbers = np.arange(self.low[2], self.low[2] + self.shape[2])
         heights = numbers[occupied[np.mod(numbers, self.shape[2])]]
         self.assumed_free_above = (heights.max() + 1) * self.voxel + above if len(heights) else np.inf

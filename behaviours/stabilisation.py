@@ -62,10 +62,7 @@ class Stabilisation:
         self._asked_ns = now
         for profile in situation.profiles:
             self.target.see(profile)
-        if not situation.profiles and situation.troubles:
-            found = None
-        else:
-            found = self.target.now(pose)
+        found = None if not situation.profiles and situation.troubles else self.target.now(pose)
         belief, words = self._believe(found, pose, now)
         if not belief or found is None:
             return self._station(pose, words)
@@ -118,7 +115,8 @@ class Stabilisation:
             pitch = float(np.clip(-0.5 * pose.tilt, -0.15, 0.15))
         drift = float(pose.velocity[1])
         if abs(drift) > DRIFT:
-            words += f"; drifting {'to port' if drift > 0 else 'to starboard'} at {abs(drift):.2f} m/s, which cannot be countered"
+            side = "to port" if drift > 0 else "to starboard"
+            words += f"; drifting {side} at {abs(drift):.2f} m/s, which cannot be countered"
         facts = {"target": 1.0, "range": found.range, "yaw_error": found.yaw, "pitch_error": found.pitch}
         command = Command(surge, self._to_depth(pose), yaw, pitch)
         return Proposal(self.name, 1.0, command, words, settings.priority, AXES, facts=facts)

@@ -34,8 +34,13 @@ def rig() -> Rig:
     return parse_rig(RIG_TEXT, "the tests' rig")
 
 
-def pose(seconds: float, position: tuple[float, float, float] = (0.0, 0.0, 0.0), heading: float = 0.0,
-         velocity: tuple[float, float, float] = (0.0, 0.0, 0.0), tilt: float = 0.0) -> Pose:
+def pose(
+    seconds: float,
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    heading: float = 0.0,
+    velocity: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    tilt: float = 0.0,
+) -> Pose:
     """A pose at that many seconds after START."""
     rotation = Rotation.from_euler("ZY", [heading, tilt]).as_matrix()
     return Pose(START + round(seconds * SECOND), np.array(position, float), rotation, np.array(velocity), np.zeros(3))
@@ -47,7 +52,10 @@ def wall_stripe(alpha: float, distance: float, seconds: float, seed: int = 0) ->
     one = rig()
     normal = one.sheet(alpha)[0]
     z = np.linspace(-1.5, 1.5, 1500)
-    y = one.laser.apex[1] - (normal[0] * (distance - one.laser.apex[0]) + normal[2] * (z - one.laser.apex[2])) / normal[1]
+    y = (
+        one.laser.apex[1]
+        - (normal[0] * (distance - one.laser.apex[0]) + normal[2] * (z - one.laser.apex[2])) / normal[1]
+    )
     pixels = one.project(np.stack([np.full(len(z), distance), y, z], 1))
     pixels = pixels[np.isfinite(pixels).all(1)][::-1]
     rows = np.arange(288)
@@ -97,4 +105,6 @@ def obeyed(at: Pose, surge: float, heave: float, yaw: float, dt: float) -> Pose:
     """Where a vehicle is that obeys at once."""
     moved = at.position + at.rotation @ np.array([surge, 0.0, heave]) * dt
     turned = at.rotation @ Rotation.from_euler("z", yaw * dt).as_matrix()
-    return Pose(at.stamp_ns + round(dt * SECOND), moved, turned, np.array([surge, 0.0, heave]), np.array([0.0, 0.0, yaw]))
+    return Pose(
+        at.stamp_ns + round(dt * SECOND), moved, turned, np.array([surge, 0.0, heave]), np.array([0.0, 0.0, yaw])
+    )

@@ -29,7 +29,14 @@ def still(begin: float, end: float, late: float = 0.01) -> Navigation:
     n = len(stamps)
     force = np.tile([0.0, 0.0, 9.80665], (n, 1))
     return Navigation(
-        imu=Imu(stamps, stamps + round(late * SECOND), np.zeros((n, 3)), force, np.tile(UPRIGHT, (n, 1)), np.zeros((n, 3, 3)))
+        imu=Imu(
+            stamps,
+            stamps + round(late * SECOND),
+            np.zeros((n, 3)),
+            force,
+            np.tile(UPRIGHT, (n, 1)),
+            np.zeros((n, 3, 3)),
+        )
     )
 
 

@@ -24,7 +24,9 @@ def situation(at: Pose, profiles: list[Profile], troubles: list[str] | None = No
     return Situation(at.stamp_ns, at, profiles, VOLUME, NOTHING, Corridor(2.0, 0.1, "obstacle"), [], troubles or [])
 
 
-def hold(behaviour: Stabilisation, begin: float, seconds: float, distance: float | None, **where: object) -> list[Proposal]:
+def hold(
+    behaviour: Stabilisation, begin: float, seconds: float, distance: float | None, **where: object
+) -> list[Proposal]:
     """Ten decisions a second before a wall `distance` m from the rig; None: nothing returns."""
     got = []
     for n in range(round(10 * seconds)):

@@ -27,8 +27,8 @@ def write_log(
     """Render the dive into an MCAP log, in order of arrival; `progress(done, all)` is told after each image.
 
     The log carries rig.yaml as attachment, `metadata` as records by name and, if wanted, the truth as /truth/odometry.
-    workers: 0 to render in this process, as a dive has to that was not flown along its route. Returns the images per second that were
-    rendered and written once the workers had started."""
+    workers: 0 to render in this process, as a dive has to that was not flown along its route. Returns the images per
+    second that were rendered and written once the workers had started."""
     total = len(dive.exposures)
     begin = time.perf_counter()
     with LogWriter(path, Topics(odometry="/truth/odometry")) as log:

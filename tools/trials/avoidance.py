@@ -9,7 +9,9 @@ import numpy as np
 
 from behaviours.pilot import Pilot
 from behaviours.settings import BehaviourSettings, TravelSettings
+from garbi_map.log.records import Floats
 from tools.simulator.scenario import Mover
+from tools.simulator.seabed import mover_centre
 from tools.simulator.sensors import START_NS
 from tools.trials.baselines import NoAvoidance, Omniscient, PotentialField, StopZone
 from tools.trials.feed import DiveFeed
@@ -23,7 +25,8 @@ Controller = Literal["garbi", "omniscient", "none", "potential", "stop"]
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a trial: gap is the least distance, m, between hull and obstacle; struck by what, if by anything."""
+    """What became of a trial: gap is the least distance, m, between hull and obstacle; in_view: seconds in which
+    a moving obstacle's centre was within the camera's view and reach; what never was cannot be avoided by looking."""
 
     seed: int
     kind: str
@@ -33,6 +36,7 @@ class Outcome:
     gap: float
     seconds: float
     length: float
+    in_view: float
 
     def as_dict(self) -> dict[str, object]:
         """Plain."""
@@ -114,13 +118,14 @@ def run(
     turned = dive.vehicle.attitude.as_matrix()
     target = start + turned @ np.array(goal)
     gap, length, reached, now = np.inf, 0.0, False, 0.0
-    before = start
+    before, in_view = start, 0.0
     while now < longest:
         now += PERIOD
         decision = pilot.decide(feed.until(START_NS + round(now * 1e9)))
         feed.step(decision.command, PERIOD)
         position, attitude = dive.vehicle.position.copy(), dive.vehicle.attitude
         gap = min(gap, world.gap(points, position, attitude.as_matrix(), half, now))
+        in_view += PERIOD * _in_view(feed, world, position, attitude.as_matrix(), now)
         length += float(np.linalg.norm(position - before))
         before = position
         if gap <= 0.0:
@@ -128,4 +133,14 @@ def run(
         if np.linalg.norm(position - target) < 0.5:
             reached = True
             break
-    return Outcome(seed, kind, controller, gap <= 0.0, reached, float(gap), now, length)
+    return Outcome(seed, kind, controller, gap <= 0.0, reached, float(gap), now, length, in_view)
+
+
+def _in_view(feed: DiveFeed, world: World, position: Floats, rotation: Floats, now: float) -> bool:
+    for mover in world.movers:
+        base = (mover_centre(mover, now) - position) @ rotation
+        pixel = feed.rig.project((base - feed.mount.translation)[None])[0]
+        size = (feed.rig.camera.width, feed.rig.camera.height)
+        if np.isfinite(pixel).all() and (pixel > 0).all() and (pixel < size).all() and np.linalg.norm(base) < 3.0:
+            return True
+    return False
