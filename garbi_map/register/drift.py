@@ -25,7 +25,7 @@ from garbi_map.register.surfels import Surfels, extract_surfels, join, match_sur
 
 Floats = NDArray[np.float64]
 
-_REACH = (
+_REACH = (0.6, 0.6, 0.9, 1.3, 1.3, 2.0, 2.0, 3.0, 4.5, 7.0, 10.0, 10.0, 20.0, 40.0, 80.0) + (np.inf,) * 8
     0.6,
     0.6,
     0.9,
