@@ -26,26 +26,6 @@ from garbi_map.register.surfels import Surfels, extract_surfels, join, match_sur
 Floats = NDArray[np.float64]
 
 _REACH = (0.6, 0.6, 0.9, 1.3, 1.3, 2.0, 2.0, 3.0, 4.5, 7.0, 10.0, 10.0, 20.0, 40.0, 80.0) + (np.inf,) * 8
-    0.6,
-    0.6,
-    0.9,
-    1.3,
-    1.3,
-    2.0,
-    2.0,
-    3.0,
-    4.5,
-    7.0,
-    10.0,
-    10.0,
-    20.0,
-    40.0,
-    80.0,
-    np.inf,
-    np.inf,
-    np.inf,
-    np.inf,
-)
 """Longest time between matched surfels in each round, s."""
 _NEAR = 9
 """Rounds that stay near in time: what they find is true locally, wherever the vehicle is."""
