@@ -143,8 +143,8 @@ def straight(stripe: Stripe) -> tuple[Floats, Floats]:
         off = np.abs(u - np.polyval(line, row))
         good = off < 4.5 * max(float(np.median(off[good])), 0.2)
     low, high = np.percentile(row[good], [5, 95])
-    rows = np.linspace(float(low), float(high), 20)
-    return np.polyval(line, rows), rows
+    rows = np.linspace(float(low), float(high), 20, dtype=float)
+    return np.asarray(np.polyval(line, rows), float), rows
 
 
 def b33boy(folder: Path) -> list[Row]:
