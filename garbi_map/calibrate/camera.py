@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -182,8 +182,3 @@ def _refit(
 ) -> Adjusted:
     poses = Poses(adjusted.poses.rotation[which], adjusted.poses.translation[which])
     return Bundle(adjusted.scanner, poses, adjusted.free, corners_of(views, target), priors=priors).fit()
-
-
-def in_water(camera: Camera, index: float = 1.335) -> Camera:
-    """A camera without a port that was calibrated in air, as it is about under water: to begin with, not to measure."""
-    return replace(camera, alpha_u=index * camera.alpha_u, alpha_v=index * camera.alpha_v)

@@ -68,7 +68,7 @@ def _checkerboard(grey: NDArray[np.uint8], target: Checkerboard) -> tuple[NDArra
 def _alternates(grey: NDArray[np.uint8], pixel: Floats, size: tuple[int, int]) -> bool:
     """Whether the squares about every corner are dark and light in turn: a board's border looks like corners, too."""
     grid = pixel.reshape(size[1], size[0], 2)
-    along, down = np.gradient(grid, axis=1), np.gradient(grid, axis=0)
+    along, down = np.asarray(np.gradient(grid, axis=1)), np.asarray(np.gradient(grid, axis=0))
     image = grey.astype(float)
     corners = [_sampled(image, grid + 0.3 * (p * along + q * down)) for p, q in ((1, 1), (-1, -1), (1, -1), (-1, 1))]
     one = np.minimum(corners[0], corners[1]) > np.maximum(corners[2], corners[3])
@@ -196,7 +196,7 @@ def _sampled(image: Floats, places: Floats) -> Floats:
 def edge_blur(grey: NDArray[np.uint8], pixel: Floats) -> float:
     """1 sigma, px, of the target's edges: contrast over steepest slope, near its corners."""
     image = grey.astype(float)
-    half = float(np.clip(0.3 * _spacing(pixel), 3.0, 12.0))
+    half = float(np.clip(0.4 * _spacing(pixel), 3.0, 16.0))
     turn = np.linspace(0, 2 * np.pi, max(int(2 * np.pi * half * 2), 32), endpoint=False)
     ring = pixel[:, None] + half * np.stack([np.cos(turn), np.sin(turn)], axis=1)
     values = _sampled(image, ring)

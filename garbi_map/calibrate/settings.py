@@ -16,7 +16,7 @@ class CalibrateSettings(Settings):
         default=("k1", "k2", "p1", "p2"), description="terms that are solved for; others are 0"
     )
     most_views: int = Field(default=60, ge=3, description="more views of the camera's target are thinned out")
-    max_blur: float = Field(default=4.0, gt=0, description="an image whose edges are wider is left out, 1 sigma, px")
+    max_blur: float = Field(default=2.5, gt=0, description="an image whose edges are wider is left out, 1 sigma, px")
     max_corner_noise: float = Field(
         default=2.0, gt=0, description="a camera that fits its corners worse is refused, rms px"
     )

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
 
@@ -119,13 +120,31 @@ def hand_eye(turn: list[Rotation], place: list[Floats], poses: Poses, which: lis
     return mount, np.linalg.lstsq(left, right, rcond=None)[0]
 
 
-def turbot(folder: Path) -> list[Row]:
-    """Plane or cone, on the points of 23 segments."""
+def turbot_points(folder: Path) -> tuple[Floats, NDArray[np.int64]]:
+    """Points (n, 3) m on the sheet, and the number (n,) of their segment."""
     storage = cv2.FileStorage(str(folder / "turbot_calibration.yaml"), cv2.FILE_STORAGE_READ)
     points = np.asarray(storage.getNode("points").mat(), float)
-    segment = np.concatenate([[0], np.cumsum(np.diff(points[:, 0]) < -0.05)])
-    test = compare_sheets(points, segment)
+    return points, np.concatenate([[0], np.cumsum(np.diff(points[:, 0]) < -0.05)])
+
+
+def turbot(folder: Path) -> list[Row]:
+    """Plane or cone, on the points of 23 segments."""
+    test = compare_sheets(*turbot_points(folder))
     return [("turbot, which sheet", f"{test.supported}; {test.evidence}")]
+
+
+def straight(stripe: Stripe) -> tuple[Floats, Floats]:
+    """u, v (20,) px of the straight line that most of a stripe lies on: a wall is flat, what is above it is not."""
+    row, u = stripe.row.astype(float), stripe.u.astype(float)
+    good = np.ones(len(row), bool)
+    line = np.zeros(2)
+    for _ in range(5):
+        line = np.polyfit(row[good], u[good], 1)
+        off = np.abs(u - np.polyval(line, row))
+        good = off < 4.5 * max(float(np.median(off[good])), 0.2)
+    low, high = np.percentile(row[good], [5, 95])
+    rows = np.linspace(float(low), float(high), 20, dtype=float)
+    return np.asarray(np.polyval(line, rows), float), rows
 
 
 def b33boy(folder: Path) -> list[Row]:
@@ -133,18 +152,18 @@ def b33boy(folder: Path) -> list[Row]:
     settings, target = CalibrateSettings(), parse_target(B33BOY_BOARD, "b33boy")
     pictures = pictures_of(images_of_files([folder / "chessboard"], []), target, settings)
     found = calibrate_camera(pictures.views, target, pictures.size, settings)
-    detector = StripeDetector(Config().stripe.model_copy(update={"laser": "red"}))
-    walls: list[tuple[float, Stripe]] = []
-    for name, image in images_of_files([folder / "distance"], []):
-        walls.append((float(name.split("_")[2].removesuffix("cm.png")) / 100, detector.detect(image, 0)))
     camera = found.camera
+    detector = StripeDetector(Config().stripe.model_copy(update={"laser": "red"}))
+    walls: list[tuple[float, Floats]] = []
+    for name, image in images_of_files([folder / "distance"], []):
+        u, v = straight(detector.detect(image, 0))
+        walls.append((float(name.split("_")[2].removesuffix("cm.png")) / 100, camera.rays(u, v)[1]))
     learnt, tested = walls[0::2], walls[1::2]
 
     def plane_with(offset: float) -> tuple[Floats, Floats]:
         """The sheet if walls were `offset` farther than stated, and how far (n,) m its points are off the walls."""
         points = []
-        for distance, stripe in learnt:
-            direction = camera.rays(stripe.u, stripe.row)[1]
+        for distance, direction in learnt:
             points.append(direction / direction[:, 2:] * (distance + offset))
         plane = fit_plane(np.concatenate(points))
         sights = np.concatenate([part / np.linalg.norm(part, axis=1, keepdims=True) for part in points])
@@ -154,8 +173,7 @@ def b33boy(folder: Path) -> list[Row]:
     offset = float(minimize_scalar(lambda x: rms(plane_with(x)[1]), bounds=(-0.1, 0.4), method="bounded").x)
     plane = plane_with(offset)[0]
     off = []
-    for distance, stripe in tested:
-        direction = camera.rays(stripe.u, stripe.row)[1]
+    for distance, direction in tested:
         depth = plane[3] / (direction @ plane[:3]) * direction[:, 2]
         off.append(1e3 * (float(np.median(depth)) - distance - offset))
     stated = ", ".join(f"{100 * d:.0f} cm {error:+.1f}" for (d, _), error in zip(tested, off, strict=True))

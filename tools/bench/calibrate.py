@@ -1,0 +1,199 @@
+"""The calibration's figures of merit: `python -m tools.bench.calibrate [--shared DIR] [--quick]`.
+
+Every line is computed here: from noise-free numbers, from simulated noise, from rendered images, and from real ones
+where the folder with them is given.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+from garbi_map.calibrate import run
+from garbi_map.calibrate.bundle import Bundle
+from garbi_map.calibrate.files import dump, read_known
+from garbi_map.calibrate.laser import calibrate_laser
+from garbi_map.calibrate.linear import solve_camera, solve_laser
+from garbi_map.calibrate.observe import sweeps_of
+from garbi_map.calibrate.scanner import LASER_NAMES, LENS_NAMES, Scanner
+from garbi_map.calibrate.settings import CalibrateSettings
+from garbi_map.calibrate.targets import load_target
+from garbi_map.calibrate.uncertainty import errors_at
+from garbi_map.calibrate.views import corners_of
+from garbi_map.config import Config
+from garbi_map.log import open_log
+from garbi_map.rig import LaserWindow, Port, Rig, camera_entries, laser_entries
+from tools.bench import real_calibrations
+from tools.paper_experiment import BLOCK_SLANT, simulated, true_rig
+from tools.simulator.calibration_log import write_sweeps
+from tools.simulator.target import Booth, Look
+from tools.simulator.target_points import TWO_PLANES, poses_before, stripes_of, target_of, views_of
+
+Row = tuple[str, str, str]  # what, target, measured
+RANGES = (1.0, 1.5, 2.0)
+BOARD = "kind: checkerboard\ninner_corners: [13, 9]\nsquare: 0.05\nborder: 0.04\n"
+CENTRE = (0.3, 0.2)
+ALPHAS = (0.05, 0.62)
+
+
+def linear_exact() -> Iterable[Row]:
+    """The linear solves without noise."""
+    rng = np.random.default_rng(0)
+    worst = 0.0
+    for seed in range(20):
+        rig = true_rig(np.random.default_rng(seed), tilted=False)
+        laser = rig.laser
+        points = rng.uniform([0.7, -0.4, -0.3], [2.0, 0.4, 0.3], (400, 3))
+        alpha = rng.uniform(0.1, 0.6, 400)
+        normal = laser.sheet(alpha)
+        points[:, 1] -= np.einsum("ij,ij->i", normal, points - laser.apex) / normal[:, 1]
+        found = solve_laser(points, alpha)
+        worst = max(worst, *(abs(getattr(found, k) - getattr(laser, k)) for k in ("x", "y", "z", "delta", "beta")))
+        target = target_of(TWO_PLANES)
+        here = Rotation.from_euler("yx", [-0.8, -0.15]).apply(target.points) + np.array([0.0, 0.0, 1.0])
+        camera = solve_camera(target.points, here[:, :2] / here[:, 2:] * [812.0, 816.0] + [370.0, 290.0])
+        seen = np.array([camera.alpha_u, camera.alpha_v, camera.u0, camera.v0])
+        worst = max(worst, float(np.abs(seen - [812.0, 816.0, 370.0, 290.0]).max()))
+    yield "linear, noise-free: worst of all parameters", "1e-6", f"{worst:.1e}"
+
+
+def paper(seeds: int) -> Iterable[Row]:
+    """The paper's experiment on simulated corners and stripes."""
+    off = 1e3 * np.abs(np.array([simulated(seed) for seed in range(seeds)]) - BLOCK_SLANT)
+    for name, goal, column in (("ours", "0.3 mm", off[:, 0]), ("the paper's method, corrected", "-", off[:, 1])):
+        text = f"{column.max():.2f} mm worst, {np.median(column):.2f} median of {seeds} seeds"
+        yield f"82 mm edge at 0.3 px: {name}", goal, text
+
+
+def honest(seeds: int) -> Iterable[Row]:
+    """Squared parameter errors over seeds, normalised by the covariance."""
+    target = target_of()
+    errors: dict[str, list[float]] = {"laser": [], "camera": []}
+    names = {"laser": tuple(name for name in LASER_NAMES if name != "laser.z"), "camera": LENS_NAMES[:8]}
+    for seed in range(seeds):
+        rng = np.random.default_rng(seed)
+        rig = true_rig(rng)
+        poses = poses_before([0.7, 1.1, 1.6], rng, tilt=0.3)
+        views = views_of(rig, target, poses, 0.1, rng)
+        stripes = stripes_of(rig, target, poses, np.linspace(0.08, 0.6, 21), 0.3, rng, step=32)
+        many = poses_before(list(np.linspace(0.7, 1.6, 8)), rng)
+        corners = corners_of(views_of(rig, target, many, 0.2, rng), target)
+        for what, bundle in (
+            (
+                "laser",
+                Bundle(Scanner(rig.camera, rig.laser), poses, names["laser"], corners_of(views, target), stripes),
+            ),
+            ("camera", Bundle(Scanner(rig.camera), many, names["camera"], corners)),
+        ):
+            found = bundle.fit()
+            new, old = found.scanner.values(), bundle.scanner.values()
+            error = np.array([new[name] - old[name] for name in found.free])
+            errors[what].append(float(error @ np.linalg.solve(found.covariance, error)))
+    for what, values in errors.items():
+        size = len(names[what])
+        low, high = chi2.ppf([0.025, 0.975], size * seeds) / seeds
+        goal = f"{low:.2f} to {high:.2f}"
+        yield f"covariance of the {what}: normalised error squared, {seeds} seeds", goal, f"{np.mean(values):.2f}"
+
+
+def rendered(folder: Path, rig: Rig, name: str, nominal: bool, views: int, plane_too: bool = False) -> list[np.ndarray]:
+    """Camera and laser from rendered images by the commands' own code: errors (3,) m rms at the ranges, of one or two
+    laser models. nominal: port and window of the rig are given beforehand, as nominal values."""
+    folder.mkdir(parents=True, exist_ok=True)
+    rng = np.random.default_rng(1)
+    target = target_of(BOARD)
+    (folder / "target.yaml").write_text(BOARD)
+    booth = Booth(rig, target, Look(samples=4))
+    images = folder / f"{name}_camera"
+    images.mkdir(exist_ok=True)
+    poses = poses_before(list(np.linspace(0.75, 1.9, views)), rng, centre=CENTRE)
+    for i in range(views):
+        placed = booth.placed(poses.rotation[i], poses.translation[i])
+        cv2.imwrite(str(images / f"{i:02d}.png"), booth.image(placed, None, rng))
+    start = None
+    if nominal:
+        start = folder / f"{name}_start.yaml"
+        rough = replace(rig.laser, x=0.0, y=-0.4, z=0.0, delta=rig.laser.delta + 0.05, theta=0.0, gamma=0.0, beta=0.02)
+        start.write_text(dump({"camera": camera_entries(rig.camera), "laser": laser_entries(rough)}))
+    camera = folder / f"{name}_camera.yaml"
+    run.camera([images], folder / "target.yaml", camera, start)
+    poses = poses_before([0.9, 0.95, 1.8, 1.9], rng, tilt=0.3, centre=CENTRE)
+    log = folder / f"{name}.mcap"
+    write_sweeps(log, booth, [(poses.rotation[i], poses.translation[i]) for i in range(4)], ALPHAS, 40, 1)
+    known, config, settings = read_known(camera), Config(), CalibrateSettings()
+    board = load_target(folder / "target.yaml")
+    sweeps = sweeps_of(open_log([log]), known.camera, board, settings, config.stripe, config.sweep, None)
+    found = []
+    loose = settings.model_copy(update={"max_stripe_noise": 50.0, "max_error": 1.0, "max_outliers": 0.95})
+    for model in (known.laser, None)[: 2 if plane_too else 1]:
+        fit = calibrate_laser(
+            known.camera,
+            sweeps.views,
+            sweeps.stripes,
+            board,
+            loose,
+            model,
+            prior=known.prior if model or not nominal else None,
+        )
+        one = Rig(fit.scanner.camera, fit.laser)
+        found.append(np.array([np.sqrt(np.nanmean(errors_at(rig, one, depth) ** 2)) for depth in RANGES]))
+    return found
+
+
+def from_images(folder: Path, views: int) -> Iterable[Row]:
+    """Whole chains from rendered images."""
+
+    def mm(errors: np.ndarray) -> str:
+        return " / ".join(f"{1e3 * error:.2f}" for error in errors) + " mm"
+
+    tilted = true_rig(np.random.default_rng(5))
+    laser = replace(tilted.laser, theta=np.radians(1.0), gamma=np.radians(-0.7))
+    tilted, level = Rig(tilted.camera, laser), Rig(tilted.camera, replace(laser, theta=0.0, gamma=0.0))
+    errors = {
+        name: rendered(folder, rig, name, False, views)[0] for name, rig in (("tilted", tilted), ("level", level))
+    }
+    yield "rendered, two distances: 3-D error at 1 / 1.5 / 2 m", "0.1 / 0.25 / 0.5 mm", mm(errors["level"])
+    ratio = float((errors["tilted"] / errors["level"]).max())
+    yield "theta 1, gamma -0.7 degrees, against 0, 0", "at most 1.20", f"{ratio:.2f} ({mm(errors['tilted'])})"
+    out = Rotation.from_euler("z", 0.35 + 0.35).as_matrix()[:, 0]
+    window = LaserWindow("flat", tuple(out.tolist()), 0.04, 0.01, 1.49, 1.335)
+    port = Port((0.0, 0.0, 1.0), 0.05, 0.012, 1.49, 1.335)
+    wet = Rig(replace(tilted.camera, port=port), replace(tilted.laser, window=window))
+    both = rendered(folder, wet, "wet", True, views, plane_too=True)
+    yield "flat port and fixed laser window, rendered", "below 0.5 mm, 1 to 2 m", mm(both[0])
+    yield "the same, the sheet taken for a plane", "4 to 12 mm", mm(both[1])
+
+
+def main() -> None:
+    """The command."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--shared", type=Path, help="the folder with data/etna, data/turbot, data/b33boy")
+    parser.add_argument("--work", type=Path, default=Path("out/bench_calibrate"))
+    parser.add_argument("--quick", action="store_true", help="few seeds and views")
+    given = parser.parse_args()
+    few = given.quick
+    parts: list[Callable[[], Iterable[Row]]] = [
+        linear_exact,
+        lambda: paper(3 if few else 20),
+        lambda: honest(20 if few else 100),
+        lambda: from_images(given.work, 12 if few else 40),
+    ]
+    if given.shared is not None:
+        for real in (real_calibrations.etna, real_calibrations.turbot, real_calibrations.b33boy):
+            data = given.shared / "data" / real.__name__
+            parts.append(lambda real=real, data=data: ((what, "-", found) for what, found in real(data)))  # type: ignore[misc]
+    print("| what | target | measured |\n| --- | --- | --- |")
+    for part in parts:
+        for what, goal, found in part():
+            print(f"| {what} | {goal} | {found} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
