@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from pathlib import Path
 
 import numpy as np
@@ -105,7 +106,8 @@ def test_a_bad_plan_is_named_in_one_line(text: str, words: str) -> None:
 
 
 def run(*arguments: object) -> tuple[int, str]:
-    import garbi_map.cli.sweep  # noqa: F401  (an application of one command would take no command name)
+    for name in ("behaviours.cli", "garbi_map.cli.sweep"):  # an application of one command would take no command name
+        importlib.import_module(name)
     from garbi_map.cli.app import app
 
     got = CliRunner().invoke(app, ["replay", *map(str, arguments)])
