@@ -229,7 +229,7 @@ def free_box(
 ) -> None:
     """Free the voxels whose centres lie in a box about the vehicle; with `clear` even those that were hit."""
     free_ms, _, since_ms, hits, _, _, moving = layers
-    reach = math.sqrt(half[0] ** 2 + half[1] ** 2 + half[2] ** 2)
+    reach = np.abs(rotation) @ half
     first = np.floor((position - reach) / voxel).astype(np.int64)
     last = np.floor((position + reach) / voxel).astype(np.int64)
     for i in range(first[0], last[0] + 1):
@@ -278,7 +278,7 @@ def nearest(
     best = np.full((2, 125), np.inf)
     normals = np.zeros((2, 125, 3))
     points = np.zeros((2, 125, 3))
-    reach = math.sqrt((half[0] + horizon) ** 2 + (half[1] + horizon) ** 2 + (half[2] + horizon) ** 2)
+    reach = np.abs(rotation) @ (half + horizon)
     first = np.floor((position - reach) / voxel).astype(np.int64)
     last = np.floor((position + reach) / voxel).astype(np.int64)
     for i in range(max(first[0], low[0]), min(last[0] + 1, low[0] + shape[0])):

@@ -39,7 +39,8 @@ class Planner:
         price = np.where(np.hypot(i - own_cell[1], j - own_cell[2]) * voxel < BLIND, BLIND_PRICE, UNSEEN_PRICE)
         for n in range(count):
             off = distance_transform_edt(~occupied[n]) * voxel if occupied[n].any() else np.full(occupied[n].shape, 9.0)
-            cost[n] = 1.0 + price * unknown[n] + NEAR_PRICE * np.clip(1.0 - (off - keep_off) / 0.6, 0.0, 1.0)
+            blind = distance_transform_edt(~unknown[n]) * voxel < self._half[1]  # some of the hull would be in it
+            cost[n] = 1.0 + price * blind + NEAR_PRICE * np.clip(1.0 - (off - keep_off) / 0.6, 0.0, 1.0)
             cost[n][off < keep_off] = np.inf
         start = own_cell
         own = cost[:, max(start[1] - 3, 0) : start[1] + 4, max(start[2] - 3, 0) : start[2] + 4]

@@ -78,7 +78,7 @@ class SafetySettings(Settings):
     clearance_unknown: NotNegative = Field(0.03, description="kept between hull and unseen space, m")
     clearance_moving: Positive = Field(0.5, description="kept between hull and a moving obstacle, m")
     gain: Positive = Field(0.6, description="class-K gain of the barrier, 1/s")
-    horizon: Positive = Field(1.8, description="obstacles farther from the hull are left out, m")
+    horizon: Positive = Field(1.3, description="obstacles farther from the hull are left out, m")
     retreat: Positive = Field(0.12, description="speed of backing off when too near, m/s")
     unseen_speed: NotNegative = Field(0.15, description="speed of what may come into view unseen, m/s")
     creep: NotNegative = Field(0.1, description="speed that is always allowed in a fresh view, m/s")

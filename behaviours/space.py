@@ -150,8 +150,8 @@ class Space:
             self._rig.camera.centre, np.ascontiguousarray(self._rig.sheet(profile.alpha)[0]), self._rig.laser.apex,
             rotation, position, *carving,
         )  # fmt: skip
-        kernels.carve_to_points(rotation @ self._rig.camera.centre + position, profile.points, 6, *carving)
-        kernels.carve_to_points(rotation @ self._rig.laser.apex + position, profile.points, 6, *carving)
+        kernels.carve_to_points(rotation @ self._rig.camera.centre + position, profile.points, 10, *carving)
+        kernels.carve_to_points(rotation @ self._rig.laser.apex + position, profile.points, 10, *carving)
         return surprising
 
     def _hit(self, points: Floats, weight: int, now: int) -> NDArray[np.bool_]:

@@ -10,6 +10,8 @@ from behaviours.situation import Situation
 from behaviours.types import Command, Pose, Proposal
 from garbi_map.log.records import Floats
 
+ASTERN_NS = 9_000_000_000  # a metre, from which the water beside the bow is in view
+
 
 class Travel:
     """Plans through what is free, and through what is unseen at a price: the safety filter lets nobody into it unseen."""
@@ -64,7 +66,7 @@ class Travel:
         if now - self._mark[0] < self.settings.patience * 1e9:
             return False
         self._mark, self._path = None, None
-        self._astern_until_ns = now + 5_000_000_000
+        self._astern_until_ns = now + ASTERN_NS
         return True
 
 

@@ -7,6 +7,8 @@ from typing import Any
 from tools.trials.avoidance import Outcome, run
 from tools.trials.stabilisation import Held
 from tools.trials.stabilisation import run as hold
+from tools.trials.survey import Surveyed
+from tools.trials.survey import run as survey
 
 
 def avoid(job: tuple[int, Any, Any]) -> Outcome:
@@ -17,3 +19,8 @@ def avoid(job: tuple[int, Any, Any]) -> Outcome:
 def stay(job: tuple[Any, int]) -> Held:
     """(object, seed)"""
     return hold(*job)
+
+
+def cover(seed: int) -> Surveyed:
+    """seed"""
+    return survey(seed)
