@@ -81,9 +81,7 @@ def extract_surfels(
     count = np.zeros(groups, np.int64)
     mean, second, mean_time = np.zeros((groups, 3)), np.zeros((groups, 6)), np.zeros(groups)
     camera = np.zeros((groups, 3))
-    kernels.accumulate_moments(
-        points, sigma, profile, time, viewpoint, group, count, mean, second, mean_time, camera
-    )
+    kernels.accumulate_moments(points, sigma, profile, time, viewpoint, group, count, mean, second, mean_time, camera)
     values, normal = np.zeros((groups, 3)), np.zeros((groups, 3))
     kernels.smallest_eigenvectors(second, values, normal)
     good = (count >= fewest) & (values[:, 1] > (_NARROWEST * size) ** 2) & (values[:, 0] < _FLATTEST * values[:, 1])
