@@ -29,11 +29,10 @@ class Omniscient(Pilot):
 
     def decide(self, seen: Seen) -> Decision:
         """With everything known."""
-        now = self._dive.motion.at(self._dive.motion.end)
-        rotation = now.rotation[0].as_matrix()
-        pose = Pose(
-            seen.now_ns, now.position[0] - self._start, rotation, rotation.T @ now.velocity[0], np.asarray(now.rate[0])
-        )
+        vehicle = self._dive.vehicle
+        rotation = vehicle.attitude.as_matrix()
+        rate = np.array(self._dive.motion.rows[-1, 11:14])
+        pose = Pose(seen.now_ns, vehicle.position - self._start, rotation, rotation.T @ vehicle.velocity, rate)
         self.space.be_at(pose)
         self._fill(seen.now_ns)
         return super().decide(Seen(seen.now_ns, pose, [], []))
