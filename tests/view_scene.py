@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
@@ -138,7 +139,10 @@ def recorded(path: Path) -> dict[str, dict[str, list]]:
         batch = chunk.to_record_batch()
         columns = found.setdefault(chunk.entity_path.removeprefix("/"), {})
         for name in batch.schema.names:
-            columns.setdefault(name, []).extend(batch.column(name).to_pylist())
+            values = batch.column(name)
+            if pa.types.is_timestamp(values.type):
+                values = values.cast(pa.int64())  # nanoseconds; what a timestamp becomes depends on what is installed
+            columns.setdefault(name, []).extend(values.to_pylist())
     return found
 
 
