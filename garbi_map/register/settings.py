@@ -12,7 +12,7 @@ class DriftSettings(Settings):
     attitude_knots: float = Field(1.0, gt=0.05, description="spacing of the attitude correction's knots, s")
     window: float = Field(150.0, gt=20, description="longest stretch of time that is solved at once, s")
     overlap: float = Field(40.0, gt=4, description="how much two neighbouring windows share, s")
-    window_points: int = Field(2_000_000, ge=10_000, description="points of a window beyond which they are thinned")
+    window_points: int = Field(1_000_000, ge=10_000, description="points of a window beyond which they are thinned")
     surfel_size: float = Field(0.03, gt=0.002, description="voxel that the last surfels are made from, m")
     coarse_surfel_size: float = Field(0.04, gt=0.002, description="voxel that the first surfels are made from, m")
     surfel_points: int = Field(8, ge=4, description="fewest points of a surfel")
