@@ -31,7 +31,7 @@ from garbi_map.seabed import triangulate
 from garbi_map.sweep.store import SweepStore
 
 if TYPE_CHECKING:
-    from garbi_map.pipeline import Dive, Map
+    from garbi_map.dive import Dive, Map
 
 _LIBRARIES = (
     "numpy",
@@ -71,7 +71,7 @@ def write_outputs(out: Path, dive: Dive, store: SweepStore, built: Map, started:
     progress.advance()
     write_seabed_tif(out / "seabed.tif", built.seabed)
     progress.advance()
-    mesh = triangulate(built.seabed, dive.config.export.max_triangles)
+    mesh = triangulate(built.seabed, dive.config.export.max_triangles, dive.config.export.widest_hole)
     write_glb(out / "seabed.glb", mesh)
     progress.advance()
     write_hillshade(out / "hillshade.png", built.seabed, dive.config.export, title=dive.paths[0].stem)
@@ -92,7 +92,9 @@ def make_report(dive: Dive, store: SweepStore, built: Map) -> Report:
     """What was read, left out and reached."""
     log = dive.log
     entries = store.entries
-    left_out = [*log.losses, *dive.losses, *built.navigated.report.get("notes", [])]
+    blank = sum(entry.blank for entry in entries)
+    dark = [f"{blank} images show no laser: it was off, hidden or out of range"] if blank else []
+    left_out = [*dive.left_out, *dark, *built.navigated.report.get("notes", [])]
     return Report(
         title=dive.paths[0].stem,
         created=datetime.now(UTC).isoformat(timespec="seconds"),
@@ -148,12 +150,11 @@ def _residuals(built: Map) -> list[Quantity]:
 
 
 def _pose_uncertainty(built: Map) -> list[Quantity]:
-    sigma = np.sqrt(np.diagonal(built.registered.trajectory.covariance, axis1=1, axis2=2))
-    middle = np.median(sigma, axis=0)
-    return [
-        Quantity(name="position, 1 sigma", value=1e3 * float(np.linalg.norm(middle[:3])), unit="mm", note="median"),
-        Quantity(name="roll and pitch, 1 sigma", value=float(np.rad2deg(middle[3:5].max())), unit="deg", note="median"),
-        Quantity(
-            name="heading, 1 sigma", value=float(np.rad2deg(middle[5])), unit="deg", note="median, relative to north"
-        ),
-    ]
+    out = []
+    for where, trajectory in (("inside the map", built.registered.inside), ("absolute", built.registered.trajectory)):
+        sigma = np.median(np.sqrt(np.diagonal(trajectory.covariance, axis1=1, axis2=2)), axis=0)
+        out += [
+            Quantity(name=f"position {where}", value=1e3 * float(np.linalg.norm(sigma[:3])), unit="mm", note="1 sigma"),
+            Quantity(name=f"attitude {where}", value=float(np.rad2deg(sigma[3:].max())), unit="deg", note="1 sigma"),
+        ]
+    return out

@@ -6,44 +6,21 @@ import shutil
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
 
+from garbi_map.aside import remove_leftovers
 from garbi_map.config import Config
+from garbi_map.dive import Dive, Map
 from garbi_map.errors import GarbiError
-from garbi_map.log import Log, Navigation, open_log
-from garbi_map.navigate import NavigationResult, Trajectory, navigate
+from garbi_map.log import open_log
+from garbi_map.navigate import Trajectory, navigate
 from garbi_map.progress import Progress, Silent, counted
-from garbi_map.register import Registered, register
-from garbi_map.rig import Rig, load_rig, parse_rig
+from garbi_map.register import register
+from garbi_map.rig import load_rig, parse_rig
 from garbi_map.scan import ScanLosses, scan, scan_key
 from garbi_map.seabed import AcceptedPoints, Seabed, SeabedBuilder, build_seabed
 from garbi_map.sweep import Sweep
 from garbi_map.sweep.store import SweepStore
-
-
-@dataclass
-class Dive:
-    """What is known of a dive as the stages go by; each stage fills in its part."""
-
-    paths: list[Path]
-    config: Config
-    log: Log
-    rig: Rig
-    navigation: Navigation
-    span_ns: tuple[int | None, int | None] = (None, None)
-    losses: list[str] = field(default_factory=list)
-    timings: dict[str, float] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class Map:
-    """The finished map, as the export stage wants it."""
-
-    navigated: NavigationResult
-    registered: Registered
-    seabed: Seabed
-    builder: SeabedBuilder
 
 
 def build_map(
@@ -66,7 +43,11 @@ def build_map(
     progress = progress or Silent()
     started = time.perf_counter()
     dive = open_dive(paths, config, rig_path, span)
-    out.mkdir(parents=True, exist_ok=True)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise GarbiError(f"{out}: cannot be made a folder: {error.strerror}") from error
+    remove_leftovers(out)
     work = out / ".work"
 
     with timed(dive, "stripes and sweeps"):
@@ -79,10 +60,10 @@ def build_map(
         registered = register(store, dive.navigation, navigated, config.registration, config.navigate, progress.note)
     with timed(dive, "seabed"):
         progress.stage("seabed", 2 * len(store))
-        seabed, builder = fuse(dive, store, registered.trajectory, out, progress)
+        seabed, builder = fuse(dive, store, registered.inside, out, progress)
     write_outputs(out, dive, store, Map(navigated, registered, seabed, builder), started, progress)
     shutil.rmtree(work, ignore_errors=True)
-    return [*dive.log.losses, *dive.losses]
+    return dive.left_out
 
 
 def open_dive(
@@ -101,6 +82,10 @@ def open_dive(
             f"{paths[0]}: no images on {config.log.topics.image}; name the topic in the configuration, log.topics.image"
         )
     begin_ns, end_ns = (None if t is None else log.begin_ns + round(t * 1e9) for t in span)
+    first, last = max(begin_ns or log.begin_ns, log.begin_ns), log.end_ns if end_ns is None else end_ns
+    if first >= min(last, log.end_ns):
+        length = (log.end_ns - log.begin_ns) * 1e-9
+        raise GarbiError(f"{paths[0]}: nothing between the asked seconds; the log lasts {length:.1f} s")
     navigation = log.navigation(begin_ns, end_ns, joint=rig.laser.joint)
     return Dive(paths, config, log, rig, navigation, (begin_ns, end_ns))
 
@@ -116,10 +101,14 @@ def sweeps_of(dive: Dive, work: Path, workers: int, progress: Progress) -> Sweep
         store = SweepStore(folder)
         for sweep in scan(dive.log, dive.rig, dive.navigation, dive.config, dive.span_ns, workers, losses, progress):
             store.add(sweep)
-        store.finish(losses.lines())
+        store.finish([*dive.log.losses, *losses.lines()])
     dive.losses += store.losses
-    if len(store) == 0:
-        raise GarbiError(f"{dive.paths[0]}: the laser is not seen in any image; look at it with garbi stripe --overlay")
+    if sum(entry.profiles for entry in store.entries) < 2:
+        shutil.rmtree(work, ignore_errors=True)
+        why = f" ({'; '.join(store.losses)})" if store.losses else ""
+        raise GarbiError(
+            f"{dive.paths[0]}: the laser is not seen in two images or more{why}; look at it with garbi stripe --overlay"
+        )
     return store
 
 

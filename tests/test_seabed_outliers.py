@@ -116,3 +116,19 @@ def test_broken_points_are_left_out_and_counted() -> None:
     sigma[15] = 0.2
     (verdict,) = judged([(replace(sweep, points=points, sigma=sigma), poses)])
     assert verdict.rejected == {"invalid": 5, "uncertain": 1, "isolated": 0, "seen through": 0, "off surface": 0}
+
+
+def test_a_sweep_without_points_is_no_trouble() -> None:
+    """Nothing in, nothing out, and the others are not disturbed."""
+    sweep, poses = scan(plane, 0)
+    empty = replace(
+        sweep,
+        points=sweep.points[:0],
+        sigma=sweep.sigma[:0],
+        intensity=sweep.intensity[:0],
+        profile=sweep.profile[:0],
+        row=sweep.row[:0],
+    )
+    nothing, whole = judged([(empty, poses), (sweep, poses)])
+    assert len(nothing.points) == 0
+    assert whole.mask.all()

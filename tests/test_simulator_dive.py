@@ -104,7 +104,7 @@ def test_profiles_lie_on_the_seabed(dive: Dive) -> None:
     assert len(stripes) == 5
     assert survey.navigation.encoder is not None
     number = 2
-    position, rotation = dive._rig_pose(0.02 + number / 10)
+    position, rotation = dive.rig_pose(0.02 + number / 10)
     alpha = laser_angle(SMALL.laser, 0.02 + number / 10)[0]
     stripe = stripes[number]
     points = survey.rig.triangulate(stripe.u.astype(float), stripe.row.astype(float), alpha).points

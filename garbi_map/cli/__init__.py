@@ -6,9 +6,17 @@ import importlib
 import os
 import pkgutil
 import sys
+from importlib.metadata import entry_points
 
 from garbi_map.cli.app import app
 from garbi_map.errors import GarbiError
+
+# numpy reads this when it is first imported. On cores that are shared, two BLAS threads wait for each other a thousand times
+# longer than the small systems of the registration take; one thread also gives the same map on any number of cores
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+
+INTERRUPTED = 130  # the exit status that typer makes of Ctrl-C
 
 
 def main() -> None:
@@ -18,12 +26,16 @@ def main() -> None:
     """
     for module in sorted(pkgutil.iter_modules(__path__), key=lambda found: found.name):
         importlib.import_module(f"{__name__}.{module.name}")
+    for command in sorted(entry_points(group="garbi.commands"), key=lambda found: found.name):
+        command.load()  # commands of packages that build on this one, which it does not know
     try:
         app()
     except GarbiError as error:
         _end(str(error), 1)
-    except KeyboardInterrupt:
-        _end("interrupted; run the same command again to go on", 130)
+    except SystemExit as end:
+        if end.code == INTERRUPTED:
+            _end("interrupted; run the same command again to go on", INTERRUPTED)
+        raise
     except MemoryError:
         _end("out of memory; lower registration.drift.window_points or seabed.max_cells in the configuration", 1)
     except OSError as error:

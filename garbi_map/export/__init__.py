@@ -1,6 +1,6 @@
 """Files that people open: each complete or absent."""
 
-from garbi_map.export.aside import write_text, written_aside
+from garbi_map.aside import write_text, written_aside
 from garbi_map.export.cloud import CloudWriter
 from garbi_map.export.georeference import Georeference
 from garbi_map.export.glb import write_glb

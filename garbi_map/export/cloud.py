@@ -9,7 +9,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from garbi_map.export.aside import written_aside
+from garbi_map.aside import written_aside
 from garbi_map.export.georeference import Georeference
 from garbi_map.seabed.types import AcceptedPoints
 

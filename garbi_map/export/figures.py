@@ -114,7 +114,7 @@ def chart(title: str, lines: Sequence[Line], x_label: str, y_label: str, flip: b
 
 
 def histogram(title: str, values: NDArray, x_label: str, bins: int = 48) -> str:
-    """How often values occur, up to their 99.5th percentile; median and 95th percentile are marked.
+    """How often values occur, up to 2.5 times their 95th percentile; that and the median are marked.
 
     Empty where nothing is finite.
     """
@@ -122,8 +122,8 @@ def histogram(title: str, values: NDArray, x_label: str, bins: int = 48) -> str:
     values = values[np.isfinite(values)]
     if not len(values):
         return ""
-    median, p95, top = np.percentile(values, [50, 95, 99.5])
-    count, edges = np.histogram(values, bins, (0.0, max(float(top), 1e-9)))
+    median, p95 = np.percentile(values, [50, 95])
+    count, edges = np.histogram(values, bins, (0.0, max(2.5 * float(p95), 1e-9)))
     share = 100 * count / len(values)
     axes = Axes((0.0, float(edges[-1])), (0.0, 1.12 * float(share.max())), 240)
     axes.grid(x_label, "% of cells")
@@ -133,10 +133,10 @@ def histogram(title: str, values: NDArray, x_label: str, bins: int = 48) -> str:
         axes.parts.append(
             f'<rect class="a b" x="{x0 + 0.5:.1f}" y="{y:.1f}" width="{x1 - x0 - 1:.1f}" height="{floor - y:.1f}"/>'
         )
-    for value, name in ((median, "median"), (p95, "95 %")):
+    for value, name, side in ((median, "median", "end"), (p95, "95 %", "start")):
         at = float(axes.across(value))
         axes.parts.append(f'<path class="m" d="M{at:.1f} {TOP}V{floor:.1f}"/>')
-        axes.parts.append(f'<text x="{at:.1f}" y="{TOP - 4}" text-anchor="middle">{name} {value:.3g}</text>')
+        axes.parts.append(f'<text x="{at:.1f}" y="{TOP - 4}" text-anchor="{side}">{name} {value:.3g}</text>')
     return axes.svg(title)
 
 

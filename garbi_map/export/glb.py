@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from garbi_map.export.aside import written_aside
+from garbi_map.aside import written_aside
 from garbi_map.export.palette import depth_colours, height_range
 from garbi_map.seabed.types import Mesh
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from garbi_map.export.aside import written_aside
+from garbi_map.aside import written_aside
 from garbi_map.export.palette import depth_colours, height_range
 from garbi_map.export.settings import ExportSettings
 from garbi_map.seabed import Seabed, fill_holes

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from garbi_map.export.aside import written_aside
+from garbi_map.aside import written_aside
 from garbi_map.export.georeference import Georeference
 from garbi_map.seabed.types import Seabed
 

@@ -8,8 +8,8 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from garbi_map.aside import write_text
 from garbi_map.errors import GarbiError
-from garbi_map.export.aside import write_text
 from garbi_map.seabed.types import Seabed
 
 

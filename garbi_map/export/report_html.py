@@ -14,8 +14,8 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from garbi_map.aside import write_text
 from garbi_map.export import figures
-from garbi_map.export.aside import write_text
 from garbi_map.export.hillshade import fitted, hillshade, png
 from garbi_map.export.report import Quantity, Report, checked
 from garbi_map.export.settings import ExportSettings

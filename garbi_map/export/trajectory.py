@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from garbi_map.export.aside import written_aside
+from garbi_map.aside import written_aside
 from garbi_map.navigate.trajectory import Trajectory
 
 

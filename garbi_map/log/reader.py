@@ -203,8 +203,7 @@ class Log:
         if first:
             self._clock_offset = int(np.median([stamp - message.log_time for stamp, message in first]))
             self._arrival_offset = int(np.median([stamp - message.arrival(stamp) for stamp, message in first]))
-        near = self.settings.clock_tolerance * 1e9
-        stamps = [s for s, message in first + last if abs(s - message.log_time - self._clock_offset) <= near]
+        stamps = [stamp for stamp, message in first + last if self.near_arrival(stamp, message.arrival(stamp))]
         if not stamps:
             return self._indexes[0].begin, max(index.end for index in self._indexes)
         return min(stamps), max(stamps)

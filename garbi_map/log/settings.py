@@ -29,5 +29,5 @@ class LogSettings(Settings):
         default=10.0, gt=0, description="s; a stamp farther from its arrival, usual clock offset removed, is wild"
     )
     reorder: float = Field(
-        default=0.1, ge=0, description="s; messages whose stamps go back by less are sorted, by more left out"
+        default=0.5, ge=0, description="s; messages whose stamps go back by less are sorted, by more left out"
     )

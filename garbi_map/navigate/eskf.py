@@ -18,6 +18,8 @@ from garbi_map.navigate.start import Start
 from garbi_map.navigate.states import ATTITUDE, GYRO_BIAS, POSITION, STATES, TOPIC, VELOCITY
 from garbi_map.navigate.timebase import Timebase
 
+_NO_DOUBT = np.zeros(STATES)
+
 
 @dataclass
 class Tally:
@@ -35,7 +37,7 @@ class Tally:
         return float(np.median(self.ratios) / 0.4549) if self.ratios else float("nan")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Node:
     """One step of the forward pass, small enough to keep for every step of a long dive.
 
@@ -77,7 +79,7 @@ class ErrorStateFilter:
         self.tallies = {source.name: Tally() for source in sources}
         self._gates = {d: float(chi2.ppf(settings.gate, d)) for d in (1, 2, 3)}
         self.model = ProcessModel(inertial, settings)
-        self._doubt = np.zeros(STATES)
+        self._doubt = _NO_DOUBT
 
     def run(self) -> Iterator[Node]:
         """One node after another; what has been measured since the node before is folded in at each."""
@@ -125,7 +127,7 @@ class ErrorStateFilter:
             self.quaternion,
         )
         step = Step(base.seconds[last] - base.seconds[first], jacobian, no_rate, no_force, self._doubt)
-        self._doubt = np.zeros(STATES)
+        self._doubt = _NO_DOUBT
         transition = self.model.transition(step)
         self.biases[TOPIC.start - 9 : TOPIC.stop - 9] *= self.model.decay(step)
         self.kalman.predict(F=transition, Q=self.model.noise(step))
@@ -195,6 +197,7 @@ class ErrorStateFilter:
             tally.rejected += 1
             tally.first_refusal = now if tally.first_refusal is None else tally.first_refusal
             if now - tally.first_refusal > source.patience:
+                self._doubt = self._doubt.copy()
                 self._doubt[source.part] = float(innovation @ innovation)
                 tally.first_refusal = None
             return False

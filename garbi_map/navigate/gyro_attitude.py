@@ -13,6 +13,7 @@ from garbi_map.navigate.process import topic_sigma
 from garbi_map.navigate.settings import NavigateSettings
 
 _TREND_RATE = 5.0  # Hz: biases are slow, more samples would only repeat themselves
+_TREND_SAMPLES = 5000  # at most, so that long dives stay small
 _BIAS_KNOTS = 120.0  # s between the knots of a bias that may wander
 _HORIZON = 60.0  # s that are fitted first; four times as many in each next stage, lest a biased gyro wraps around
 _ROUNDS = 2
@@ -75,7 +76,8 @@ class _Trend:
         self.series, self.settings = series, settings
         self.seconds = series.seconds
         duration = float(self.seconds[-1])
-        bins = np.floor(self.seconds * _TREND_RATE).astype(np.int64)
+        self.rate = min(_TREND_RATE, _TREND_SAMPLES / max(duration, 1.0))
+        bins = np.floor(self.seconds * self.rate).astype(np.int64)
         self.coarse = np.unique(bins, return_index=True)[1]
         count = round(duration / _BIAS_KNOTS) + 1 if duration > 1.5 * _BIAS_KNOTS else 1
         self.knots = np.linspace(0.0, duration, count)
@@ -204,7 +206,7 @@ class _Trend:
         if len(left) == 0:
             return left
         scale = np.maximum(1.4826 * np.median(np.abs(left), axis=0), 0.5 * sigma)
-        alike = max(1.0, 2.0 * witness.memory * _TREND_RATE)
+        alike = max(1.0, 2.0 * witness.memory * self.rate)
         return 1.0 / (sigma**2 * alike * (1.0 + (left / (2.0 * scale)) ** 2))
 
     def _prior(self) -> Floats:

@@ -79,6 +79,8 @@ def prepare_inertial(
     rate_good = np.isfinite(raw_rate).all(axis=1) & ~rate_clipped & ~rate_spikes
     force_good = np.isfinite(raw_force).all(axis=1) & ~force_clipped & ~force_spikes
     attitude = _base_attitude(imu.attitude[keep], turned)
+    if not settings.use_attitude:
+        attitude[:] = np.nan
     rate = turned.apply(_filled(stamps, raw_rate, rate_good))
     derived = not rate_good.any() and bool(np.isfinite(attitude[:, 0]).sum() > 2)
     if derived:

@@ -111,6 +111,7 @@ def _from_filter(
         forward = ErrorStateFilter(base, inertial, believed, start, settings)
         nodes = list(forward.run())
     smoothed = smooth(nodes, forward.model)
+    del nodes  # the largest thing here, and not needed any more
     trajectory, velocity = _path(base, forward, smoothed, inertial, "pressure" in forward.tallies, settings)
     stamps = _dense(trajectory.stamp_ns, asked)
     full = trajectory.at(stamps)
@@ -180,7 +181,10 @@ def _path(
     lever[:, :3, 3:] = _cross_matrices(reach[on_node])
     at_nodes = lever @ smoothed.pose @ lever.transpose(0, 2, 1)
     covariance = at_nodes[after - 1]
-    covariance += (at_nodes[after] - covariance) * weight[:, :, None]
+    change = at_nodes[after]
+    change -= covariance
+    change *= weight[:, :, None]
+    covariance += change
     position -= [*position[0, :2], 0.0 if has_depth else position[0, 2]]
     return Trajectory(base.stamp_ns[rows], position, rotation.as_quat(), covariance), velocity
 

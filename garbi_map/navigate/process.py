@@ -21,7 +21,7 @@ from garbi_map.navigate.states import (
 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Step:
     """From one node to the next: seconds, Jacobian (9, 15) of `kernels.propagate`, seconds without gyro and without
     accelerometer; `doubt` (STATES,) is variance added because a sensor contradicted the filter for too long."""

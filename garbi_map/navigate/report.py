@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from garbi_map.navigate.eskf import ErrorStateFilter
     from garbi_map.navigate.smoother import Smoothed
 
+_LATE = 1.0  # s; a sensor that begins so much after the dive, or stops so much before its end, is worth a line
+
 
 def filter_report(
     log: Navigation,
@@ -112,6 +114,7 @@ def _notes(
             notes.append(f"the IMU had {inertial.spikes} lone spikes; they were not used")
         if inertial.rate_derived:
             notes.append("no gyro: rates are differences of the attitude topic")
+    notes += _silences(log, forward)
     if attitude is not None and attitude.disturbed.any():
         notes.append(
             "the attitude topic's yaw contradicts the gyro in "
@@ -128,3 +131,19 @@ def _notes(
     if "pressure" not in forward.tallies:
         notes.append("no pressure: heights are relative to the first pose")
     return notes
+
+
+def _silences(log: Navigation, forward: ErrorStateFilter) -> list[str]:
+    """A line for each sensor that begins late or stops early."""
+    begin, end = int(forward.base.stamp_ns[0]), int(forward.base.stamp_ns[-1])
+    lines = []
+    for name, sensor in {"IMU": log.imu, "DVL": log.dvl, "pressure": log.pressure, "fixes": log.fixes}.items():
+        if sensor is None or not len(sensor.stamp_ns):
+            continue
+        first, last = (sensor.stamp_ns[0] - begin) * 1e-9, (sensor.stamp_ns[-1] - begin) * 1e-9
+        usual = float(np.median(np.diff(sensor.stamp_ns))) * 1e-9 if len(sensor.stamp_ns) > 1 else 0.0
+        if first > max(_LATE, 3.0 * usual):
+            lines.append(f"{name}: nothing in the first {first:.1f} s")
+        if (end - begin) * 1e-9 - last > max(_LATE, 3.0 * usual):
+            lines.append(f"{name}: nothing after {last:.1f} s")
+    return lines

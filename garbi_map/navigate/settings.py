@@ -31,6 +31,7 @@ class NavigateSettings(Settings):
     accelerometer_bias: PositiveFloat = Field(default=0.05, description="m/s^2, 1 sigma at switch-on")
     accelerometer_bias_walk: PositiveFloat = Field(default=1e-4, description="m/s^2/sqrt(s)")
 
+    use_attitude: bool = Field(default=True, description="whether the IMU's own attitude is used, not only its rates")
     attitude_noise: PositiveFloat = Field(default=5e-4, description="rad, white part of the attitude topic's error")
     attitude_tilt: PositiveFloat = Field(default=4e-3, description="rad, slow part of roll and pitch, floor")
     attitude_yaw: PositiveFloat = Field(default=2e-2, description="rad, slow part of yaw, floor")

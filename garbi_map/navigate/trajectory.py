@@ -42,7 +42,10 @@ class Trajectory:
         weight = (held - self.stamp_ns[before]) / np.maximum(self.stamp_ns[after] - self.stamp_ns[before], 1)
         w1, w2 = weight[:, None], weight[:, None, None]
         covariance = self.covariance[before]
-        covariance += (self.covariance[after] - covariance) * w2
+        change = self.covariance[after]
+        change -= covariance  # in place: an hour's covariances are 100 MB
+        change *= w2
+        covariance += change
         start = Rotation.from_quat(self.quaternion[before])
         arc = (start.inv() * Rotation.from_quat(self.quaternion[after])).as_rotvec()
         return Trajectory(

@@ -15,42 +15,25 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from garbi_map.register import kernels
+from garbi_map.navigate.kernels import place_points
 from garbi_map.register.factors import Calm, Factor
 from garbi_map.register.motion import Motion
 from garbi_map.register.normal_equations import NormalEquations
+from garbi_map.register.normals import Normals, common_normals, summed_normals
 from garbi_map.register.settings import DriftSettings
 from garbi_map.register.surfels import Surfels, extract_surfels, join, match_surfels
 
 Floats = NDArray[np.float64]
 
-_REACH = (
-    0.6,
-    0.6,
-    0.9,
-    1.3,
-    1.3,
-    2.0,
-    2.0,
-    3.0,
-    4.5,
-    7.0,
-    10.0,
-    10.0,
-    20.0,
-    40.0,
-    80.0,
-    np.inf,
-    np.inf,
-    np.inf,
-    np.inf,
-)
+_REACH = (0.6, 0.6, 0.9, 1.3, 1.3, 2.0, 2.0, 3.0, 4.5, 7.0, 10.0, 10.0, 20.0, 40.0, 80.0) + (np.inf,) * 8
 """Longest time between matched surfels in each round, s."""
 _NEAR = 9
 """Rounds that stay near in time: what they find is true locally, wherever the vehicle is."""
 _RESTRAINED = 4
 """Rounds in which a prior on the velocity keeps the inertial solution from running away."""
-_LATERAL = 0.12
+_FINE = (1.0, 0.6)
+"""Sizes of the surfels of the last rounds: large ones are surer of their normal, small ones follow the relief."""
+_LATERAL = 0.03
 """How much a surface leaves its tangent plane: a match is that share of its lateral offset less sure."""
 
 
@@ -69,17 +52,14 @@ class Scans:
 
     def placed(self, motion: Motion) -> Floats:
         """The points (n, 3) in the map as the motion has them."""
-        out = np.empty_like(self.points)
         matrix, position = motion.rotation(self.time).as_matrix(), motion.position(self.time)
-        kernels.transform_profiles(self.points, self.profile, matrix, position, out)
-        return out
+        return place_points(self.points, self.profile, matrix, position)
 
     def surfels(self, motion: Motion, size: float, fewest: int) -> Surfels:
         """Surfels of every sweep as the motion has them."""
-        time = self.time[self.profile]
-        viewpoint = motion.position(self.time)[self.profile]
-        sweep = self.sweep[self.profile]
-        return extract_surfels(self.placed(motion), self.sigma.astype(float), time, sweep, viewpoint, size, fewest)
+        viewpoint = motion.position(self.time)
+        placed = self.placed(motion)
+        return extract_surfels(placed, self.sigma, self.profile, self.time, self.sweep, viewpoint, size, fewest)
 
 
 @dataclass(frozen=True)
@@ -102,7 +82,8 @@ def estimate_drift(
     elsewhere: Surfels | None = None,
     progress: Callable[[Round], None] = lambda _: None,
 ) -> tuple[list[Round], NormalEquations]:
-    """Moves `motion` until the sweeps agree; returns what each round found and the last round's problem.
+    """Moves `motion` until the sweeps agree; returns what each round found, and the problem at the end, whose information
+    takes no noise of normals for slopes.
 
     near_only stops before matches far apart in time, far_only begins with them. elsewhere: surfels of settled sweeps that
     are not among the scans.
@@ -113,23 +94,30 @@ def estimate_drift(
     sizes = np.r_[np.linspace(settings.coarse_surfel_size, settings.surfel_size, count - 4), [settings.surfel_size] * 4]
     sigmas = np.r_[np.geomspace(settings.coarse_match_sigma, settings.match_sigma, count - 1), settings.match_sigma]
     restraint = Calm(settings.attitude_knots / 2, 0.15, derivative=1)
-    rounds: list[Round] = []
-    problem = NormalEquations(motion.size)
-    for k in chosen:
+
+    def linearised(k: int, normals: Normals) -> tuple[NormalEquations, int, float]:
         problem = NormalEquations(motion.size)
         for factor in factors:
             factor.add(problem, motion)
         if k < _RESTRAINED:
             restraint.add(problem, motion)
-        surfels = scans.surfels(motion, sizes[k], settings.surfel_points)
-        matches, distance = add_matches(problem, motion, surfels, gates[k], _REACH[k], sigmas[k], elsewhere)
+        matches, distance = 0, 0.0
+        for fraction in _FINE if k >= count - 4 else (1.0,):
+            surfels = scans.surfels(motion, sizes[k] * fraction, settings.surfel_points)
+            found, distance = add_matches(problem, motion, surfels, gates[k], _REACH[k], sigmas[k], elsewhere, normals)
+            matches += found
+        return problem, matches, distance
+
+    rounds: list[Round] = []
+    for k in chosen:
+        problem, matches, distance = linearised(k, summed_normals)
         step = problem.solve()
         motion.step(step)
         for factor in factors:
             factor.reestimate(motion)
         rounds.append(Round(_REACH[k], matches, distance, float(np.abs(step[: motion.attitude_offset]).max())))
         progress(rounds[-1])
-    return rounds, problem
+    return rounds, linearised(chosen[-1], common_normals)[0]
 
 
 def add_matches(
@@ -140,6 +128,7 @@ def add_matches(
     reach: float,
     sigma: float,
     settled: Surfels | None = None,
+    normals: Normals = summed_normals,
 ) -> tuple[int, float]:
     """Adds n . (m_i - m_j) = 0 for matched surfels; returns their number and median distance, m.
 
@@ -153,8 +142,8 @@ def add_matches(
     first, second = first[useful], second[useful]
     if len(first) == 0:
         return 0, 0.0
-    normal = surfels.normal[first] + surfels.normal[second]
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    pair = surfels.sweep[first] * (surfels.sweep.max() + 1) + surfels.sweep[second]
+    normal = normals(surfels.normal[first], surfels.normal[second], pair)
     between = surfels.mean[first] - surfels.mean[second]
     residual = np.einsum("nk,nk->n", normal, between)
     lateral = np.sqrt(np.maximum(np.einsum("nk,nk->n", between, between) - residual**2, 0.0))

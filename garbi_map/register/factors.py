@@ -20,6 +20,10 @@ Floats = NDArray[np.float64]
 
 GRAVITY = np.array([0.0, 0.0, -9.80665])
 _AXES = np.eye(3)
+_UNKNOWN_TURNING = np.deg2rad(1.5)
+"""Rate, rad/s, at which a vehicle turns of which no sensor tells."""
+_SILENCE = 0.1
+"""s; farther than that from its readings the gyro says nothing."""
 
 
 class Factor(Protocol):
@@ -32,6 +36,11 @@ class Factor(Protocol):
 
     def reestimate(self, motion: Motion) -> None:
         """Takes its sigma from its residuals."""
+
+
+def far_from(t: Floats, others: Floats, distance: float) -> NDArray[np.bool_]:
+    """Which of t (n,) have none of the ascending `others` within `distance`."""
+    return np.searchsorted(others, t - distance) == np.searchsorted(others, t + distance, side="right")
 
 
 def _spread(residual: Floats, least: float, most: float) -> float:
@@ -77,15 +86,18 @@ class AttitudeCorrection:
     """The correction theta is small and, but for the gyro's bias, changes slowly.
 
     magnitude (3,) rad: 1 sigma of the prior attitude about each map axis. The rate's sigma is what is left of the gyro's
-    noise when it is averaged between two knots.
+    noise when it is averaged between two knots; gyro (n,) s are the times at which there is one. Away from them, as
+    everywhere where gyro is None, the vehicle turns as no sensor tells.
     """
 
-    def __init__(self, magnitude: Floats, spacing: float, rate_sigma: float, adaptive: bool = True) -> None:
-        self.magnitude, self.spacing, self.adaptive = magnitude, spacing, adaptive
-        self.sigma = rate_sigma
+    def __init__(self, magnitude: Floats, spacing: float, gyro: Floats | None) -> None:
+        self.magnitude, self.spacing, self.gyro = magnitude, spacing, gyro
+        self.sigma = _UNKNOWN_TURNING if gyro is None else np.deg2rad(0.05)
 
     def _times(self, motion: Motion) -> Floats:
-        return np.arange(motion.begin, motion.end, self.spacing / 2)
+        # a cubic has four coefficients however short the dive is
+        count = max(int(np.ceil(2.0 * (motion.end - motion.begin) / self.spacing)), 4)
+        return np.linspace(motion.begin, motion.end, count + 1)
 
     def _rate_residual(self, motion: Motion) -> tuple[Floats, Floats]:
         t = self._times(motion)
@@ -97,17 +109,26 @@ class AttitudeCorrection:
         n = len(t)
         theta = motion.correction(t)
         rate, matrix = self._rate_residual(motion)
+        sigma = np.full(n, _UNKNOWN_TURNING)
+        sigma[self._told(t)] = self.sigma
         # one bias-like error for the dive, not one for each time: the rows share their information
         shared = np.sqrt(max(n / 4.0, 1.0))
         for axis in range(3):
             unit = np.broadcast_to(_AXES[axis], (n, 3))
             problem.add(theta[:, axis], self.magnitude[axis] * shared, [motion.attitude_run(t, unit)])
             runs = [motion.attitude_run(t, unit, 1), motion.constants_run(n, gyro_bias=matrix[:, axis])]
-            problem.add(rate[:, axis], self.sigma, runs, cauchy=4.0)
+            problem.add(rate[:, axis], sigma, runs, cauchy=4.0)
+
+    def _told(self, t: Floats) -> NDArray[np.bool_]:
+        """Where (n,) the gyro speaks."""
+        if self.gyro is None:
+            return np.zeros(len(t), bool)
+        return ~far_from(t, self.gyro, _SILENCE)
 
     def reestimate(self, motion: Motion) -> None:
-        if self.adaptive:
-            self.sigma = _spread(self._rate_residual(motion)[0], np.deg2rad(0.02), np.deg2rad(0.3))
+        told = self._told(self._times(motion))
+        if told.any():
+            self.sigma = _spread(self._rate_residual(motion)[0][told], np.deg2rad(0.02), np.deg2rad(0.3))
 
 
 class Height:
@@ -165,7 +186,7 @@ class BottomTrack:
 
 
 class Position:
-    """Positions of base_link with a sigma of their own: an absolute fix, or somebody else's odometry, time (n,), (n, 3) m."""
+    """Positions (n, 3) m of base_link at time (n,) s with one sigma: absolute fixes, or somebody else's odometry."""
 
     def __init__(self, time: Floats, position: Floats, sigma: float) -> None:
         self.time, self.measured, self.sigma = time, position, sigma
@@ -181,13 +202,18 @@ class Position:
 
 
 class Calm:
-    """A derivative of the position is small, which keeps what no sensor sees from running away. sigma m/s or m/s^2."""
+    """A derivative of the position is small, which keeps what no sensor sees from running away. sigma m/s or m/s^2.
 
-    def __init__(self, spacing: float, sigma: float, derivative: int) -> None:
+    Said once every `spacing` seconds that are farther than that from the times (n,) s at which a sensor measures it.
+    """
+
+    def __init__(self, spacing: float, sigma: float, derivative: int, measured: Floats | None = None) -> None:
         self.spacing, self.sigma, self.derivative = spacing, sigma, derivative
+        self.measured = np.empty(0) if measured is None else measured
 
     def add(self, problem: NormalEquations, motion: Motion) -> None:
-        t = np.arange(motion.begin, motion.end, self.spacing)
+        t = motion.instants(self.spacing)
+        t = t[far_from(t, self.measured, self.spacing)]
         value = motion.position(t, self.derivative)
         for axis in range(3):
             unit = np.broadcast_to(_AXES[axis], value.shape)

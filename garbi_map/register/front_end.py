@@ -2,14 +2,16 @@
 
 kiss-icp's kernel adds metres to square metres, so that it is right for cars in metres and for this scanner in centimetres;
 its own de-skewing and its constant-velocity guess are of no use for a sweep of seconds under sway, so points come de-skewed
-by our trajectory and the guess is the correction of the sweep before. No covariance comes back: the information is that of
+by our trajectory and the guess is the correction of the sweep before. Point to point, on surfels that lie on the same
+grid in every sweep, it brings a sweep near but does not slide it the last centimetre: the surfels' planes do that (Chen and
+Medioni, 1992). No covariance comes back: the information is that of
 point to plane at the solution (Censi, ICRA 2007), and directions that the geometry does not fix are not corrected (solution
 remapping: Zhang, Kaess and Singh, ICRA 2016).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +21,12 @@ from garbi_map.register.settings import FrontEndSettings
 from garbi_map.register.surfels import Surfels, match_surfels
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 _CENTIMETRES = 100.0
+_MATCH_SIGMA = 1e-3
+"""m, of one matched surfel."""
+_PLANE_ROUNDS = 6
 
 
 @dataclass(frozen=True)
@@ -100,6 +106,8 @@ def scan_to_map(surfels: Surfels, settings: FrontEndSettings) -> tuple[list[Floa
             first = max(earlier, key=lambda key: len(earlier[key][0]))
             rows = tuple(np.concatenate([pair[k] for pair in earlier.values()]) for k in (0, 1))
             information, centre = information_of(surfels, rows[1])
+            before = _picked(surfels, rows[0]).moved(np.array(corrections))
+            found = onto_planes(_picked(surfels, rows[1]), before, found, settings)
             found = guess @ remap(np.linalg.inv(guess) @ found, information, centre, settings.weakest)
             relative = np.linalg.inv(corrections[first]) @ found
             constraints.append(Constraint(first, sweep, relative, information, centre, uncertain=False))
@@ -115,7 +123,7 @@ def close_loops(surfels: Surfels, corrections: list[Floats], settings: FrontEndS
 
     Verified: the surfels of the two must agree afterwards to a few millimetres and in most places.
     """
-    moved = surfels.moved(np.array(corrections))
+    moved = surfels.moved(np.reshape(corrections, (-1, 4, 4)))
     loops = []
     for (first, second), rows in _overlaps(moved, settings).items():
         if second - first < 2 or len(rows[0]) < settings.loop_matches:
@@ -124,7 +132,9 @@ def close_loops(surfels: Surfels, corrections: list[Floats], settings: FrontEndS
         front_end.insert(moved.mean[moved.sweep == first], np.eye(4))
         points = moved.mean[np.unique(rows[1])]
         information, centre = information_of(moved, rows[1])
-        found = remap(front_end.align(points, np.eye(4)), information, centre, settings.weakest)
+        found = front_end.align(points, np.eye(4))
+        found = onto_planes(_picked(moved, rows[1]), _picked(moved, rows[0]), found, settings)
+        found = remap(found, information, centre, settings.weakest)
         if not _agrees(moved, rows, found, settings):
             continue
         relative = np.linalg.inv(corrections[first]) @ found @ corrections[second]
@@ -132,7 +142,35 @@ def close_loops(surfels: Surfels, corrections: list[Floats], settings: FrontEndS
     return loops
 
 
-def _overlaps(surfels: Surfels, settings: FrontEndSettings) -> dict[tuple[int, int], tuple[Floats, Floats]]:
+def onto_planes(surfels: Surfels, planes: Surfels, transform: Floats, settings: FrontEndSettings) -> Floats:
+    """The transform (4, 4) that lays surfels on the planes of their n counterparts, from one that is near.
+
+    Symmetric point to plane (Rusinkiewicz, 2019) with Cauchy weights; weak directions keep the transform's.
+    """
+    for _ in range(_PLANE_ROUNDS):
+        normal = surfels.normal @ transform[:3, :3].T + planes.normal
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        mean = surfels.mean @ transform[:3, :3].T + transform[:3, 3]
+        distance = np.einsum("nk,nk->n", normal, mean - planes.mean)
+        scale = max(2.0 * 1.4826 * float(np.median(np.abs(distance))), 1e-4)
+        weight = 1.0 / (1.0 + (distance / scale) ** 2)
+        centre = mean.mean(axis=0)
+        jacobian = np.hstack([normal, np.cross(mean - centre, normal)])
+        values, vectors = np.linalg.eigh(jacobian.T @ (jacobian * weight[:, None]))
+        strong = values / _MATCH_SIGMA**2 > settings.weakest
+        step = vectors[:, strong] @ (vectors[:, strong].T @ (jacobian.T @ (weight * -distance)) / values[strong])
+        move = np.eye(4)
+        move[:3, :3] = Rotation.from_rotvec(step[3:]).as_matrix()
+        move[:3, 3] = centre + step[:3] - move[:3, :3] @ centre
+        transform = move @ transform
+    return transform
+
+
+def _picked(surfels: Surfels, rows: Ints) -> Surfels:
+    return Surfels(*(getattr(surfels, field.name)[rows] for field in fields(surfels)))
+
+
+def _overlaps(surfels: Surfels, settings: FrontEndSettings) -> dict[tuple[int, int], tuple[Ints, Ints]]:
     """For each pair of sweeps that overlap, the matched surfels of both."""
     first, second = match_surfels(surfels, settings.correspondence, np.inf)
     key = surfels.sweep[first] * (int(surfels.sweep.max(initial=0)) + 1) + surfels.sweep[second]
@@ -144,7 +182,7 @@ def _overlaps(surfels: Surfels, settings: FrontEndSettings) -> dict[tuple[int, i
     return pairs
 
 
-def information_of(surfels: Surfels, rows: Floats, sigma: float = 1e-3) -> tuple[Floats, Floats]:
+def information_of(surfels: Surfels, rows: Ints, sigma: float = _MATCH_SIGMA) -> tuple[Floats, Floats]:
     """Point-to-plane information (6, 6) of surfels about their centre (3,), for 1 sigma metres each."""
     mean, normal = surfels.mean[rows], surfels.normal[rows]
     centre = mean.mean(axis=0)
@@ -166,7 +204,7 @@ def remap(transform: Floats, information: Floats, centre: Floats, weakest: float
     return out
 
 
-def _agrees(surfels: Surfels, rows: tuple[Floats, Floats], transform: Floats, settings: FrontEndSettings) -> bool:
+def _agrees(surfels: Surfels, rows: tuple[Ints, Ints], transform: Floats, settings: FrontEndSettings) -> bool:
     first, second = rows
     moved = surfels.mean[second] @ transform[:3, :3].T + transform[:3, 3]
     distance = np.abs(np.einsum("nk,nk->n", moved - surfels.mean[first], surfels.normal[first]))

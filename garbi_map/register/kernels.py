@@ -7,20 +7,6 @@ from numba import njit
 
 
 @njit(cache=True, nogil=True)
-def transform_profiles(points, profile, rotation, translation, out):  # type: ignore[no-untyped-def]
-    """out[k] = rotation[profile[k]] points[k] + translation[profile[k]]."""
-    for k in range(points.shape[0]):
-        m = profile[k]
-        for a in range(3):
-            out[k, a] = (
-                rotation[m, a, 0] * points[k, 0]
-                + rotation[m, a, 1] * points[k, 1]
-                + rotation[m, a, 2] * points[k, 2]
-                + translation[m, a]
-            )
-
-
-@njit(cache=True, nogil=True)
 def voxel_keys(points, size, key):  # type: ignore[no-untyped-def]
     """One int64 per point that names its voxel; 21 bits an axis."""
     for k in range(points.shape[0]):
@@ -31,7 +17,7 @@ def voxel_keys(points, size, key):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def group_by_voxel(points, sweep, size, group, group_sweep):  # type: ignore[no-untyped-def]
+def group_by_voxel(points, profile, sweep, size, group, group_sweep):  # type: ignore[no-untyped-def]
     """Numbers the (sweep, voxel) that each point falls into, in order of first appearance; returns how many there are.
 
     An open-addressing hash table; group (n,) and group_sweep (n,) are filled.
@@ -48,7 +34,7 @@ def group_by_voxel(points, sweep, size, group, group_sweep):  # type: ignore[no-
         x = int(np.floor(points[k, 0] / size))
         y = int(np.floor(points[k, 1] / size))
         z = int(np.floor(points[k, 2] / size))
-        s = sweep[k]
+        s = sweep[profile[k]]
         spot = (x * 73856093 ^ y * 19349663 ^ z * 83492791 ^ s * 39916801) & mask
         while True:
             g = table[spot]
@@ -110,8 +96,8 @@ def smallest_eigenvectors(c, values, normal):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def accumulate_moments(points, weight, time, viewpoint, group, count, mean, second, mean_time, camera):  # type: ignore[no-untyped-def]
-    """Weighted moments per group of points; group (n,) in 0..len(count)-1, weights 1/variance.
+def accumulate_moments(points, sigma, profile, time, viewpoint, group, count, mean, second, mean_time, camera):  # type: ignore[no-untyped-def]
+    """Moments per group of points, weighted by 1 / sigma^2; group (n,) in 0..len(count)-1.
 
     mean_time and camera are the weighted means of the points' times and viewpoints. Two passes, so that no digits are
     lost far from the origin.
@@ -119,13 +105,13 @@ def accumulate_moments(points, weight, time, viewpoint, group, count, mean, seco
     total = np.zeros(count.shape[0])
     for k in range(points.shape[0]):
         g = group[k]
-        w = weight[k]
+        w = 1.0 / (sigma[k] * sigma[k])
         count[g] += 1
         total[g] += w
-        mean_time[g] += w * time[k]
+        mean_time[g] += w * time[profile[k]]
         for a in range(3):
             mean[g, a] += w * points[k, a]
-            camera[g, a] += w * viewpoint[k, a]
+            camera[g, a] += w * viewpoint[profile[k], a]
     for g in range(count.shape[0]):
         if total[g] > 0.0:
             mean_time[g] /= total[g]
@@ -134,7 +120,7 @@ def accumulate_moments(points, weight, time, viewpoint, group, count, mean, seco
                 camera[g, a] /= total[g]
     for k in range(points.shape[0]):
         g = group[k]
-        w = weight[k] / total[g]
+        w = 1.0 / (sigma[k] * sigma[k]) / total[g]
         x = points[k, 0] - mean[g, 0]
         y = points[k, 1] - mean[g, 1]
         z = points[k, 2] - mean[g, 2]

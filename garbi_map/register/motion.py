@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array, eye_array
+from scipy.sparse import csr_array, diags_array, eye_array
 from scipy.sparse.linalg import spsolve
 from scipy.spatial.transform import Rotation, Slerp
 
@@ -28,11 +29,15 @@ class PriorAttitude:
     time: Floats
     quaternion: Floats
 
+    @cached_property
+    def _slerp(self) -> Slerp:
+        return Slerp(self.time, Rotation.from_quat(self.quaternion))
+
     def at(self, t: Floats) -> Rotation:
         """The attitudes at t (m,)."""
         if len(self.time) == 1:
             return Rotation.from_quat(np.repeat(self.quaternion, len(t), axis=0))
-        return Slerp(self.time, Rotation.from_quat(self.quaternion))(np.clip(t, self.time[0], self.time[-1]))
+        return self._slerp(np.clip(t, self.time[0], self.time[-1]))
 
 
 class Motion:
@@ -65,6 +70,10 @@ class Motion:
         """Number of unknowns."""
         return self.constants_offset + RUN
 
+    def instants(self, step: float) -> Floats:
+        """Evenly spaced times (n,) s from begin to end, both among them and at most `step` apart."""
+        return np.linspace(self.begin, self.end, int(np.ceil((self.end - self.begin) / step)) + 1)
+
     def position(self, t: Floats, derivative: int = 0) -> Floats:
         """Position (n, 3) m, velocity or acceleration at t (n,)."""
         return self.position_spline.value(self.position_control, t, derivative)
@@ -88,7 +97,7 @@ class Motion:
     def constants_run(self, n: int, **values: Floats) -> Run:
         """How n rows depend on the constants named as in this module, lower case: columns (n,) or (n, 3)."""
         run = np.zeros((n, RUN))
-        places = {
+        places: dict[str, slice | int] = {
             "accelerometer_bias": ACCELEROMETER_BIAS,
             "gyro_bias": GYRO_BIAS,
             "dvl_scale": DVL_SCALE,
@@ -107,7 +116,7 @@ class Motion:
     def fit(self, t: Floats, position: Floats, rotation: Rotation) -> None:
         """Takes on the motion given by position (n, 3) and rotation at t (n,), as far as the splines can follow.
 
-        A ridge of one part in a million holds control points that no time touches.
+        Control points that the times hardly touch, as those beyond the last, continue straight.
         """
         theta = (rotation * self.prior.at(t).inv()).as_rotvec()
         for spline, control, value in (
@@ -118,5 +127,6 @@ class Motion:
             rows = np.repeat(np.arange(len(t)), 4)
             columns = (first[:, None] + np.arange(4)).ravel()
             basis = csr_array((weights.ravel(), (rows, columns)), shape=(len(t), spline.size))
-            normal = (basis.T @ basis + 1e-6 * eye_array(spline.size)).tocsc()
-            control += spsolve(normal, basis.T @ (value - basis @ control)).reshape(control.shape)
+            bend = diags_array([1.0, -2.0, 1.0], offsets=[0, 1, 2], shape=(spline.size - 2, spline.size))
+            normal = (basis.T @ basis + 1e-6 * bend.T @ bend + 1e-12 * eye_array(spline.size)).tocsc()
+            control[:] = spsolve(normal, basis.T @ value).reshape(control.shape)

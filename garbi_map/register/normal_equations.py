@@ -62,14 +62,19 @@ class NormalEquations:
 
     def solve(self) -> Floats:
         """The step x (size,) that minimises the weighted squares."""
-        from scipy.linalg import cho_factor, cho_solve
+        from scipy.linalg import cho_solve
 
-        self.matrix[np.diag_indices_from(self.matrix)] += 1e-9
-        return cho_solve(cho_factor(self.matrix, lower=True, check_finite=False), -self.vector, check_finite=False)
+        return cho_solve(self._factor(), -self.vector, check_finite=False)
 
     def covariance(self) -> Floats:
         """The inverse of the accumulated information (size, size)."""
-        from scipy.linalg import cho_factor, cho_solve
+        from scipy.linalg import cho_solve
 
-        factor = cho_factor(self.matrix, lower=True, check_finite=False)
-        return cho_solve(factor, np.eye(len(self.vector)), check_finite=False)
+        return cho_solve(self._factor(), np.eye(len(self.vector)), check_finite=False)
+
+    def _factor(self) -> tuple[Floats, bool]:
+        from scipy.linalg import cho_factor
+
+        matrix = self.matrix.copy()
+        matrix[np.diag_indices_from(matrix)] += 1e-9  # unknowns that no row touches
+        return cho_factor(matrix, lower=True, overwrite_a=True, check_finite=False)

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
-from garbi_map.log.records import Mount, Navigation
+from garbi_map.errors import GarbiError
+from garbi_map.log.records import Navigation
 from garbi_map.navigate import NavigationResult, Trajectory
 from garbi_map.navigate.settings import NavigateSettings
 from garbi_map.register.drift import Round
@@ -33,7 +34,8 @@ _NEIGHBOUR = np.array([0.004, 0.004, 0.004, 0.002, 0.002, 0.002])
 class Registered:
     """The trajectory after drift correction, and what was found on the way.
 
-    trajectory   map <- base_link at 50 Hz and at every profile
+    trajectory   map <- base_link at 50 Hz and at every profile; covariance against the map's origin and north
+    inside       the same poses with the covariance inside the map: what no rigid motion of the map can remove
     rounds       what each round of the drift estimate found, per window, the far rounds after the near ones
     graph_step   (k,) m, how far the pose graph moved each sweep
     loops        number of loop closures that were verified
@@ -42,6 +44,7 @@ class Registered:
     """
 
     trajectory: Trajectory
+    inside: Trajectory
     rounds: list[list[Round]]
     graph_step: Floats
     loops: int
@@ -60,9 +63,15 @@ def register(
     """One consistent trajectory for all sweeps of a store.
 
     The result begins where the navigation filter's trajectory begins.
+    Raises GarbiError where the sweeps do not span any time.
     """
     mount = log.mount("rig")
     stamps = store.stamps()
+    if len(stamps) < 2 or stamps[-1] <= stamps[0]:
+        raise GarbiError(
+            f"registration: the sweeps hold {len(stamps)} profile(s), too few for a trajectory; "
+            "see what was left out of them with `garbi sweep`"
+        )
     prior = navigated.trajectory
     sensors = Sensors(log, prior, navigated.inertial, navigated.attitude, navigate, int(stamps[0]))
     span = (0.0, float((stamps[-1] - stamps[0]) * 1e-9))
@@ -78,7 +87,8 @@ def register(
     far = solve_far(store, mount, sensors, closed, settings.drift, progress)
 
     return Registered(
-        trajectory=_trajectory(far.path, sensors.epoch_ns, stamps),
+        trajectory=_trajectory(far.path, far.path.covariance, sensors.epoch_ns, stamps),
+        inside=_trajectory(far.path, far.path.relative, sensors.epoch_ns, stamps),
         rounds=near.rounds + far.rounds,
         graph_step=_steps(near.surfels, corrections),
         loops=len(loops),
@@ -100,7 +110,9 @@ def _apply(path: Path, surfels: Surfels, corrections: list[Floats]) -> Path:
     turn = Slerp(middle, Rotation.from_matrix(transforms[:, :3, :3]))(t)
     moved = np.stack([np.interp(t, middle, column) for column in shift.T], axis=1)
     position = turn.apply(path.position - centre) + centre + moved
-    return Path(path.time, position, (turn * Rotation.from_quat(path.quaternion)).as_quat(), path.covariance)
+    return Path(
+        path.time, position, (turn * Rotation.from_quat(path.quaternion)).as_quat(), path.covariance, path.relative
+    )
 
 
 def _steps(surfels: Surfels, corrections: list[Floats]) -> Floats:
@@ -132,9 +144,9 @@ def _disagreement(surfels: Surfels) -> float:
     return float(np.median(np.abs(np.einsum("nk,nk->n", between, surfels.normal[first]))))
 
 
-def _trajectory(path: Path, epoch_ns: int, stamps: NDArray[np.int64]) -> Trajectory:
+def _trajectory(path: Path, covariance: Floats, epoch_ns: int, stamps: NDArray[np.int64]) -> Trajectory:
     own = epoch_ns + np.round(path.time * 1e9).astype(np.int64)
-    dense = Trajectory(own, path.position, path.quaternion, path.covariance)
+    dense = Trajectory(own, path.position, path.quaternion, covariance)
     return dense.at(np.union1d(own, stamps))
 
 

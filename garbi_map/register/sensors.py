@@ -28,10 +28,10 @@ Floats = NDArray[np.float64]
 
 _BIN = 0.04
 """Accelerations are averaged over this many seconds: shorter than the position's knots, longer than the sensor's noise."""
-_UNKNOWN_TURNING = np.deg2rad(1.5)
-"""Rate, rad/s, at which a vehicle turns of which no sensor tells."""
 _UNKNOWN_ACCELERATION = 0.08
-"""m/s^2, likewise."""
+"""m/s^2 by which a vehicle accelerates of which no sensor tells."""
+_UNKNOWN_SPEED = 5.0
+"""Times the usual speed that a vehicle may have of which no sensor tells."""
 
 
 @dataclass(frozen=True)
@@ -50,13 +50,12 @@ class Sensors:
 
     def seconds(self, stamp_ns: Stamps) -> Floats:
         """Times (n,) s of stamps (n,)."""
-        return (stamp_ns - self.epoch_ns) * 1e-9
+        return np.asarray((stamp_ns - self.epoch_ns) * 1e-9, np.float64)
 
     @property
     def prior_attitude(self) -> PriorAttitude:
-        """The gyro's attitude where there is one: its short-term shape is better than any filter's; else the filter's."""
-        source = self.gyro or self.trajectory
-        return PriorAttitude(self.seconds(source.stamp_ns), source.quaternion)
+        """The navigation filter's, whose short-term shape is the gyro's."""
+        return PriorAttitude(self.seconds(self.trajectory.stamp_ns), self.trajectory.quaternion)
 
     @property
     def attitude_known(self) -> bool:
@@ -76,15 +75,17 @@ class Sensors:
         out: list[Factor] = [self._attitude(settings)]
         axes: tuple[int, ...] = (0, 1, 2)
         accelerations = self._accelerations(begin, end)
-        if accelerations is None:
-            out.append(Calm(settings.position_knots, _UNKNOWN_ACCELERATION, derivative=2))
-        else:
+        measured = None if accelerations is None else accelerations.time
+        out.append(Calm(settings.position_knots, _UNKNOWN_ACCELERATION, derivative=2, measured=measured))
+        if accelerations is not None:
             out.append(accelerations)
         heights = self._heights(begin, end)
         if heights is not None:
             out.append(heights)
             axes = (0, 1)
         bottom_track = self._bottom_track(begin, end)
+        measured = None if bottom_track is None else bottom_track.time
+        out.append(Calm(1.0, _UNKNOWN_SPEED * self.navigate.speed, derivative=1, measured=measured))
         if bottom_track is not None:
             out.append(bottom_track)
         out.extend(self._positions(begin, end))
@@ -100,11 +101,17 @@ class Sensors:
     def _attitude(self, settings: DriftSettings) -> AttitudeCorrection:
         spacing = self.attitude_knots(settings)
         if not self.attitude_known:
-            return AttitudeCorrection(np.deg2rad([3.0, 3.0, 5.0]), spacing, _UNKNOWN_TURNING, adaptive=False)
+            return AttitudeCorrection(np.deg2rad([3.0, 3.0, 5.0]), spacing, None)
         magnitude = np.deg2rad([0.5, 0.5, 2.0])
         if self.gyro is not None:
             magnitude = np.maximum(magnitude, np.minimum(np.median(self.gyro.sigma, axis=0), np.deg2rad(5.0)))
-        return AttitudeCorrection(magnitude, spacing, np.deg2rad(0.05))
+        return AttitudeCorrection(magnitude, spacing, self._attitude_times())
+
+    def _attitude_times(self) -> Floats:
+        """Times (n,) s at which the prior attitude is measured, not held or interpolated."""
+        if self.gyro is None or self.inertial is None:
+            return self.seconds(self.trajectory.stamp_ns)
+        return self.seconds(self.inertial.stamp_ns[self.inertial.rate_known])
 
     def _accelerations(self, begin: float, end: float) -> Acceleration | None:
         series = self.inertial
@@ -119,8 +126,8 @@ class Sensors:
         values = np.hstack([time[:, None], series.specific_force[here], rate, known[:, None]])
         number = np.floor((time - time[0]) / _BIN).astype(np.int64)
         count = np.bincount(number)
-        means = np.stack([np.bincount(number, column) for column in values.T], axis=1)[count > 0]
-        means /= count[count > 0][:, None]
+        sums = np.stack([np.bincount(number, column) for column in values.T], axis=1)
+        means: Floats = sums[count > 0] / count[count > 0, None]
         t, force, rate = means[:, 0], means[:, 1:4], means[:, 4:7]
         if len(t) < 3:
             return None

@@ -18,7 +18,7 @@ class DriftSettings(Settings):
     surfel_points: int = Field(8, ge=4, description="fewest points of a surfel")
     gate: float = Field(0.01, gt=0.001, description="largest distance between matched surfels in the last round, m")
     coarse_gate: float = Field(0.06, gt=0.001, description="largest distance between matched surfels at first, m")
-    match_sigma: float = Field(5e-4, gt=0, description="1 sigma of a match in the last round, m")
+    match_sigma: float = Field(2.5e-4, gt=0, description="1 sigma of a match in the last round, m")
     coarse_match_sigma: float = Field(4e-3, gt=0, description="1 sigma of a match in the first round, m")
 
 
@@ -30,7 +30,7 @@ class FrontEndSettings(Settings):
     correspondence: float = Field(0.05, gt=0.001, description="largest distance of a correspondence, m")
     kernel: float = Field(0.01, gt=0.0001, description="scale of the robust kernel, m")
     local_map: float = Field(3.0, gt=0.1, description="points farther than this from the sweep are forgotten, m")
-    weakest: float = Field(1e7, gt=0, description="a direction with less information is not corrected, 1/m^2")
+    weakest: float = Field(1e6, gt=0, description="a direction with less information is not corrected, 1/m^2")
     loop_matches: int = Field(60, ge=6, description="fewest matched surfels of a loop")
     loop_agreement: float = Field(
         0.002, gt=0, description="median distance of matched surfels after a loop is closed, m"

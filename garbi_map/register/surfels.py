@@ -61,19 +61,27 @@ def join(first: Surfels, second: Surfels) -> Surfels:
 
 
 def extract_surfels(
-    points: Floats, sigma: Floats, time: Floats, sweep: Ints, viewpoint: Floats, size: float, fewest: int
+    points: Floats,
+    sigma: NDArray[np.floating],
+    profile: NDArray[np.integer],
+    time: Floats,
+    sweep: Ints,
+    viewpoint: Floats,
+    size: float,
+    fewest: int,
 ) -> Surfels:
     """Surfels of voxels of `size` metres, made of one sweep's points only.
 
-    points (n, 3) map frame, sigma (n,) m, time (n,) s, sweep (n,), viewpoint (n, 3) where the camera was for each point.
+    points (n, 3) map frame, sigma (n,) m, profile (n,); of each profile time (m,) s, sweep (m,) and viewpoint (m, 3), where
+    the camera was.
     """
     n = len(points)
     group, group_sweep = np.empty(n, np.int64), np.empty(n, np.int64)
-    groups = kernels.group_by_voxel(points, sweep, size, group, group_sweep)
+    groups = kernels.group_by_voxel(points, profile, sweep, size, group, group_sweep)
     count = np.zeros(groups, np.int64)
     mean, second, mean_time = np.zeros((groups, 3)), np.zeros((groups, 6)), np.zeros(groups)
     camera = np.zeros((groups, 3))
-    kernels.accumulate_moments(points, 1.0 / sigma**2, time, viewpoint, group, count, mean, second, mean_time, camera)
+    kernels.accumulate_moments(points, sigma, profile, time, viewpoint, group, count, mean, second, mean_time, camera)
     values, normal = np.zeros((groups, 3)), np.zeros((groups, 3))
     kernels.smallest_eigenvectors(second, values, normal)
     good = (count >= fewest) & (values[:, 1] > (_NARROWEST * size) ** 2) & (values[:, 0] < _FLATTEST * values[:, 1])

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from garbi_map.log.records import Mount
-from garbi_map.register.covariance import pose_covariance
+from garbi_map.register.covariance import pose_covariances
 from garbi_map.register.drift import Round, Scans, estimate_drift
 from garbi_map.register.factors import Anchor, Factor
 from garbi_map.register.motion import Motion
+from garbi_map.register.normal_equations import NormalEquations
 from garbi_map.register.sensors import Sensors
 from garbi_map.register.settings import DriftSettings
 from garbi_map.register.surfels import Surfels, join
@@ -29,12 +30,16 @@ _OUTPUT_STEP = 0.02
 
 @dataclass
 class Path:
-    """Poses at ascending times, s, after the epoch: position (n, 3), quaternion (n, 4), covariance (n, 6, 6)."""
+    """Poses at ascending times, s, after the epoch: position (n, 3), quaternion (n, 4).
+
+    covariance (n, 6, 6) against the map's origin and north; relative (n, 6, 6) inside the map.
+    """
 
     time: Floats
     position: Floats
     quaternion: Floats
     covariance: Floats
+    relative: Floats
 
     def at(self, t: Floats) -> tuple[Floats, Rotation]:
         """Position (m, 3) and rotation at t (m,), held at the ends."""
@@ -134,7 +139,7 @@ def _solve(
         scans = load_scans(store, mount, sensors, begin, end, settings.window_points)
         motion = Motion(begin, end, sensors.prior_attitude, settings.position_knots, sensors.attitude_knots(settings))
         if start is not None:
-            t = np.arange(begin, end, _OUTPUT_STEP)
+            t = motion.instants(_OUTPUT_STEP)
             motion.fit(t, *start.at(t))
         anchor = None if solution is None else _anchor(solution.path, motion)
         origin = None
@@ -181,10 +186,9 @@ def _anchor(path: Path, motion: Motion) -> Anchor | None:
     return Anchor(t, position, theta, 5e-4 * shared, 2e-4 * shared)
 
 
-def _sample(motion: Motion, problem: object) -> Path:
-    t = np.append(np.arange(motion.begin, motion.end, _OUTPUT_STEP), motion.end)
-    covariance = pose_covariance(motion, problem, t)  # type: ignore[arg-type]
-    return Path(t, motion.position(t), motion.rotation(t).as_quat(), covariance)
+def _sample(motion: Motion, problem: NormalEquations) -> Path:
+    t = motion.instants(_OUTPUT_STEP)
+    return Path(t, motion.position(t), motion.rotation(t).as_quat(), *pose_covariances(motion, problem, t))
 
 
 def _blend(earlier: Path, later: Path) -> Path:
@@ -199,4 +203,5 @@ def _blend(earlier: Path, later: Path) -> Path:
         np.r_[earlier.position[before], position * (1 - weight) + later.position * weight],
         np.r_[earlier.quaternion[before], (Rotation.from_rotvec(between * weight) * rotation).as_quat()],
         np.r_[earlier.covariance[before], later.covariance],
+        np.r_[earlier.relative[before], later.relative],
     )

@@ -86,6 +86,6 @@ def build_seabed(
 
 def _place(sweep: Sweep, poses: Trajectory) -> NDArray[np.float64]:
     """The points (n, 3) in `map`, each by the pose of its own profile."""
-    from garbi_map.seabed import kernels
+    from garbi_map.navigate.kernels import place_points
 
-    return kernels.place_points(sweep.points, sweep.profile, poses.rotation.as_matrix(), poses.position)
+    return place_points(sweep.points, sweep.profile, poses.rotation.as_matrix(), poses.position)

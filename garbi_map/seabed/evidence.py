@@ -28,7 +28,7 @@ class Evidence:
         self, placed: NDArray[np.float64], sigma: NDArray[np.float32], profile: NDArray[np.int32], profiles: int
     ) -> None:
         """Count the points (n, 3) in `map` of one sweep of so many profiles, ordered by profile (n,)."""
-        from garbi_map.seabed import kernels
+        from garbi_map.seabed import evidence_kernels as kernels
 
         verdict = self._first_verdicts(placed, sigma)
         done = 0
@@ -56,7 +56,7 @@ class Evidence:
 
         placed (n, 3) are the points in `map`, points (n, 3) in the rig frame.
         """
-        from garbi_map.seabed import kernels
+        from garbi_map.seabed import evidence_kernels as kernels
 
         if self._surrounding is None:
             self._surrounding = _surroundings(self._voxels, self._settings.voxel)
@@ -80,7 +80,7 @@ class Evidence:
         return verdict, gradient
 
     def _first_verdicts(self, placed: NDArray[np.float64], sigma: NDArray[np.float32]) -> NDArray[np.uint8]:
-        from garbi_map.seabed import kernels
+        from garbi_map.seabed import evidence_kernels as kernels
 
         limit = 0.5 * kernels.HALF * self._settings.voxel
         return kernels.first_verdicts(placed, sigma, limit, self._settings.max_sigma)
@@ -94,7 +94,7 @@ def _table(length: int) -> NDArray[np.void]:
 
 def _surroundings(voxels: NDArray[np.void], side: float) -> NDArray[np.void]:
     """SURROUNDING of every voxel, in the order of the table."""
-    from garbi_map.seabed import kernels
+    from garbi_map.seabed import evidence_kernels as kernels
 
     surrounding = np.zeros(len(voxels), SURROUNDING)
     covariance = np.zeros((len(voxels), 3, 3))

@@ -11,7 +11,7 @@ from garbi_map.seabed.settings import SeabedSettings
 from garbi_map.seabed.types import Seabed
 
 TILE = 64  # cells along a side of a tile; a power of two, so that tiles coarsen evenly
-_EDGE = 20.0  # times the usual scatter: no noise does that, an edge in the cell does
+_EDGE = 9.0  # times the usual scatter, three sigma: noise hardly does that, an edge in the cell does
 _MAX_SPAN = 1 << 13  # tiles along an axis that one sweep may span
 
 

@@ -14,7 +14,8 @@ _RAW = {
     "bgr8": (3, np.uint8), "rgb8": (3, np.uint8), "bgra8": (4, np.uint8), "rgba8": (4, np.uint8),
     "mono8": (1, np.uint8), "8UC1": (1, np.uint8), "8UC3": (3, np.uint8),
     "mono16": (1, np.uint16), "16UC1": (1, np.uint16), "bgr16": (3, np.uint16), "rgb16": (3, np.uint16),
-    "bayer_rggb8": (1, np.uint8), "bayer_bggr8": (1, np.uint8), "bayer_gbrg8": (1, np.uint8), "bayer_grbg8": (1, np.uint8),
+    "bayer_rggb8": (1, np.uint8), "bayer_bggr8": (1, np.uint8),
+    "bayer_gbrg8": (1, np.uint8), "bayer_grbg8": (1, np.uint8),
 }  # fmt: skip
 
 

@@ -2,31 +2,40 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from garbi_map.rig import Rig
-from garbi_map.stripe import kernels
+from garbi_map.stripe import kernels, path_kernels
 from garbi_map.stripe.gate import BITS, gate_table
 from garbi_map.stripe.settings import StripeSettings
+from garbi_map.stripe.templates import templates
 from garbi_map.stripe.types import Stripe
 
 _CHANNELS = {"blue": 0, "green": 1, "red": 2, "mono": 0}
-_REACH = 12
-"""px from a peak to what counts as its surroundings while candidates are looked for."""
-_SHOT_GAIN = 0.05
-"""Variance per grey level that a pixel gains by photon noise; the floor is measured in each image."""
+_DOUBT = 0.12
+"""Share of the water's pull that stays unknown, as its end at the stripe may be softer or sharper than assumed."""
+_SPREADS = (0.7, 12.0)
+"""Narrowest and widest stripe, 1 sigma, px."""
+_ROUNDING = 0.2887
+"""1 sigma of rounding to whole grey levels."""
 
 
 @dataclass(frozen=True)
 class Candidates:
-    """All peaks of an image, up to three a row: u, sigma, amplitude (h, 3), NaN where none; chosen (h,) number or -1."""
+    """All peaks of an image, up to three a row.
+
+    u (h, 3) px, NaN where there is none; sigma (h, 3) px, of the chosen ones; gain (h, 3): HEIGHT times it is the
+    height; saturated (h, 3); chosen (h,): which of the three, or -1; spread: 1 sigma of the stripe's profile, px;
+    noise: 1 sigma of a dark pixel, grey levels.
+    """
 
     u: NDArray[np.float64]
     sigma: NDArray[np.float64]
-    amplitude: NDArray[np.float64]
+    gain: NDArray[np.float64]
     saturated: NDArray[np.bool_]
     chosen: NDArray[np.int64]
     spread: float
@@ -44,21 +53,17 @@ class StripeDetector:
         self._table = gate_table(settings)
         self._channel = _CHANNELS[settings.laser]
 
+    @property
+    def image_size(self) -> tuple[int, int] | None:
+        """(width, height) px that the rig was calibrated for; None without a rig."""
+        return None if self.rig is None else (self.rig.camera.width, self.rig.camera.height)
+
     def detect(self, image: NDArray[np.uint8], stamp_ns: int, alpha: float | None = None) -> Stripe:
         """The stripe in an image (h, w) or (h, w, 3) BGR, uint8; alpha: the laser's angle, rad, where it is known."""
         if self.settings.method == "paper":
             return self._by_paper(_planes(image), stamp_ns)
         found = self.candidates(image, alpha)
-        rows = np.flatnonzero(found.chosen >= 0)
-        pick = found.chosen[rows]
-        return Stripe(
-            stamp_ns,
-            rows.astype(np.int32),
-            found.u[rows, pick].astype(np.float32),
-            found.sigma[rows, pick].astype(np.float32),
-            found.amplitude[rows, pick].astype(np.float32),
-            found.saturated[rows, pick],
-        )
+        return Stripe(stamp_ns, *path_kernels.gather(found.u, found.sigma, found.gain, found.saturated, found.chosen))
 
     def candidates(self, image: NDArray[np.uint8], alpha: float | None = None) -> Candidates:
         """Everything that may be the stripe, and which of it was chosen."""
@@ -68,32 +73,48 @@ class StripeDetector:
         channel = self._channel if image.shape[2] == 3 else 0
         first, last = self._window(rows, columns, alpha)
         noise = float(kernels.noise_of(image, channel, max(rows // 64, 1)))
-        threshold = max(0.6 * settings.least_contrast, 0.45 * settings.significance * noise)
+        least = max(settings.least_contrast, settings.significance * noise)
         shape = (rows, kernels.CANDIDATES)
-        place, contrast, width = np.empty(shape, np.int64), np.zeros(shape), np.zeros(shape)
-        reach = min(_REACH, max((columns - 6) // 2, 1))
-        kernels.find_candidates(
-            image, self._table, 8 - BITS, channel, first, last, reach, threshold, place, contrast, width
-        )
-        spread = settings.width or _typical_spread(place, contrast, width)
-        u, sigma, amplitude = np.full(shape, np.nan), np.zeros(shape), np.zeros(shape)
+        place, width = np.empty(shape), np.empty(shape)
+        blocks = _blocks(image)
+        kernels.find_candidates(image, blocks, channel, self._table, BITS, first, last, 0.4 * least, place, width)
+        kernel = templates(settings.width or self._spread(image, channel, place, width))
+        u, gain, pull, rest, sigma = (np.zeros(shape) for _ in range(5))
         saturated = np.zeros(shape, np.bool_)
-        kernels.refine(image, channel, place, spread, noise, _SHOT_GAIN, u, sigma, amplitude, saturated)
-        weak = amplitude < max(settings.least_contrast, settings.significance * noise)
-        u[weak] = np.nan
+        kernels.refine(
+            image,
+            channel,
+            place,
+            kernel.slope,
+            kernel.curvature,
+            kernel.water,
+            kernel.rest,
+            kernel.spread,
+            least,
+            u,
+            gain,
+            pull,
+            rest,
+            saturated,
+        )
         chosen = np.empty(rows, np.int64)
-        kernels.choose(u, amplitude, settings.largest_step, settings.least_run, chosen)
-        return Candidates(u, sigma, amplitude, saturated, chosen, spread, noise)
+        path_kernels.choose(u, gain, settings.largest_step, settings.least_run, chosen)
+        path_kernels.correct(
+            u, gain, pull, rest, chosen, max(noise, _ROUNDING), kernel.slope_gain, kernel.water_gain, _DOUBT, sigma
+        )
+        return Candidates(u, sigma, gain, saturated, chosen, kernel.spread, noise)
+
+    def _spread(self, image: NDArray[np.uint8], channel: int, place: NDArray, width: NDArray) -> float:
+        """1 sigma of the stripe's profile, px, in steps of 3 %, so that few templates are ever made."""
+        spread = kernels.spread_of(image, channel, place, width, len(image) // 32 + 1, *_SPREADS)
+        return float(1.03 ** round(math.log(spread) / math.log(1.03)))
 
     def _window(self, rows: int, columns: int, alpha: float | None) -> tuple[NDArray, NDArray]:
         settings = self.settings
-        if self.rig is None or alpha is None or not settings.window or not np.isfinite(alpha):
+        if self.rig is None or alpha is None or not settings.window or not math.isfinite(alpha):
             return np.zeros(rows), np.full(rows, columns - 1.0)
         first, last = self.rig.column_window(alpha, settings.min_range, settings.max_range)
-        return (
-            np.nan_to_num(first - settings.window_margin, nan=0.0),
-            np.nan_to_num(last + settings.window_margin, nan=-1.0),
-        )
+        return first - settings.window_margin, last + settings.window_margin
 
     def _by_paper(self, image: NDArray[np.uint8], stamp_ns: int) -> Stripe:
         rows = len(image)
@@ -116,10 +137,8 @@ def _planes(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.ascontiguousarray(image if image.ndim == 3 else image[:, :, None])
 
 
-def _typical_spread(place: NDArray, contrast: NDArray, width: NDArray) -> float:
-    """1 sigma, px, of the stripe's profile: the median of what the stronger half of the rows shows."""
-    strongest = place[:, 0] >= 0
-    if strongest.sum() < 8:
-        return 2.0
-    strong = strongest & (contrast[:, 0] >= np.median(contrast[strongest, 0]))
-    return float(np.clip(np.median(width[strong, 0]) / 2.3548, 0.8, 8.0))
+def _blocks(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """The same pixels as (h, w // BLOCK, BLOCK c): what the search reads. Copied for odd widths only."""
+    rows, columns, depth = image.shape
+    count = columns // kernels.BLOCK
+    return np.ascontiguousarray(image[:, : count * kernels.BLOCK]).reshape(rows, count, kernels.BLOCK * depth)

@@ -10,7 +10,7 @@ from garbi_map.stripe.settings import GateSettings, StripeSettings
 BITS = 5
 """Bits of each channel that index the table: 32 kB, which stays in the processor's first cache."""
 
-_HUES = {"red": (-30.0, 30.0), "green": (90.0, 180.0), "blue": (200.0, 280.0)}
+HUES = {"red": (-50.0, 35.0), "green": (90.0, 180.0), "blue": (200.0, 280.0)}
 
 
 def gate_table(settings: StripeSettings) -> NDArray[np.uint8]:
@@ -18,11 +18,10 @@ def gate_table(settings: StripeSettings) -> NDArray[np.uint8]:
     if settings.laser == "mono":
         return np.ones(1 << (3 * BITS), np.uint8)
     gate = settings.gate
-    hue_range = gate.hue if "gate" in settings.model_fields_set or settings.laser == "green" else _HUES[settings.laser]
     levels = (np.arange(1 << BITS) + 0.5) / (1 << BITS)
     blue, green, red = np.meshgrid(levels, levels, levels, indexing="ij")
     hue, lightness, saturation = _hls(red, green, blue)
-    low, high = hue_range
+    low, high = gate.hue or HUES[settings.laser]
     inside = np.mod(hue - low, 360.0) <= high - low
     coloured = inside & (saturation >= gate.saturation) & (lightness >= gate.lightness)
     return (coloured | (lightness >= gate.white)).astype(np.uint8).ravel()

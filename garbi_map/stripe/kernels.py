@@ -1,4 +1,4 @@
-"""Compiled loops of the stripe room."""
+"""Compiled loops over the pixels of an image: where each row may have the stripe, to a fraction of a pixel."""
 
 from __future__ import annotations
 
@@ -7,224 +7,255 @@ from numba import njit
 
 CANDIDATES = 3
 """Places in a row that may be the stripe."""
+BLOCK = 4
+"""Pixels that are summed before peaks are looked for."""
+AWAY = 16
+"""px from the middle of a peak to the middle of what counts as its surroundings; both are two blocks wide."""
 
-_CORE = 2
-"""Half of the box, px, that a peak is looked for with."""
+HEIGHT = 2.0 / np.sqrt(np.pi)
+"""Height of a stripe per gain of its correlation with its own slope."""
+CLIPPED = 254.0
+"""Grey level from which a pixel may be clipped."""
+
+_PAD = 6
 
 
 @njit(cache=True, nogil=True)
-def find_candidates(image, table, shift, channel, first, last, reach, threshold, place, contrast, width):  # type: ignore[no-untyped-def]
-    """Up to three peaks per row that stand out from both sides and pass the colour gate, the strongest first.
+def find_candidates(image, blocks, channel, table, bits, first, last, threshold, place, width):  # type: ignore[no-untyped-def]
+    """Up to three peaks per row that stand out from both sides and pass the colour gate, the brightest first.
 
-    image (h, w, c) uint8; first, last (h,) columns of the window; reach: px from a peak to its surroundings; threshold:
-    least contrast. place (h, 3) int, -1 where there is none; contrast and width (h, 3): peak above the surroundings and
-    full width at half of it, px.
+    image (h, w, c) uint8; blocks: the same as (h, w // BLOCK, BLOCK c); first, last (h,) columns of the window;
+    threshold: least mean of a peak above the mean of its surroundings; place (h, 3) column, NaN where there is none;
+    width (h, 3) full width at half maximum, px.
     """
     rows, columns, depth = image.shape
-    total = np.empty(columns + 1, np.float32)
+    count = blocks.shape[1]
+    total = np.zeros(count + 2 * _PAD, np.int32)
+    rise = np.zeros(count + 2 * _PAD, np.int32)
+    bright = np.empty(CANDIDATES)
+    least = np.int32(4 * BLOCK * threshold)
     for r in range(rows):
-        place[r, :] = -1
-        low = max(int(first[r]), reach + 2)
-        high = min(int(last[r]), columns - reach - 3)
-        if high <= low:
+        for k in range(CANDIDATES):
+            place[r, k] = np.nan
+            bright[k] = 0.0
+        low, high = max(first[r], 0.0), min(last[r], columns - 1.0)
+        if not last[r] >= first[r] or count < 2:
             continue
-        begin, end = low - reach - 2, high + reach + 3
-        total[begin] = 0.0
-        for c in range(begin, end):
-            total[c + 1] = total[c] + image[r, c, channel]
-        best = 0.0
-        at = -1
-        for c in range(low, high + 1):
-            core = (total[c + _CORE + 1] - total[c - _CORE]) * 0.2
-            left = (total[c - reach + 2] - total[c - reach - 1]) / 3.0
-            right = (total[c + reach + 2] - total[c + reach - 1]) / 3.0
-            rise = core - 0.5 * (left + right)
-            if rise > threshold and rise > best and core > left and core > right:
-                best = rise
-                at = c
-            elif at >= 0 and (c - at > reach or rise < 0.5 * best):
-                _keep(image, table, shift, channel, r, at, reach, depth, place, contrast, width)
-                best = 0.0
-                at = -1
-        if at >= 0:
-            _keep(image, table, shift, channel, r, at, reach, depth, place, contrast, width)
+        begin, end = max(int(low) // BLOCK - 1, 0), min(int(high) // BLOCK + 2, count)
+        near, far = max(begin - _PAD, 0), min(end + _PAD, count)
+        _sum_blocks(blocks[r, near:far], channel, depth, total[_PAD + near : _PAD + far])
+        total[begin : _PAD + near] = total[_PAD + near]
+        total[_PAD + far : 2 * _PAD + end] = total[_PAD + far - 1]
+        _stand_out(total[begin : 2 * _PAD + end], rise[_PAD + begin : _PAD + end])
+        before = np.int32(0)
+        rise[_PAD + end - 1] = 0
+        for b in range(_PAD + begin, _PAD + end - 1):
+            here = rise[b]
+            if here > least and here > before and here >= rise[b + 1]:
+                core = total[b] + total[b + 1]
+                left, right = total[b - 4] + total[b - 3], total[b + 4] + total[b + 5]
+                if core > left and core > right:
+                    side = 0.25 * (left + right) / BLOCK
+                    _keep(image, channel, table, bits, r, BLOCK * (b - _PAD), low, high, side, bright, place, width)
+            before = here
 
 
 @njit(cache=True, nogil=True)
-def _keep(image, table, shift, channel, r, at, reach, depth, place, contrast, width):  # type: ignore[no-untyped-def]
-    peak = at
-    for c in range(at - _CORE, at + _CORE + 1):
-        if image[r, c, channel] > image[r, peak, channel]:
+def _sum_blocks(line, channel, depth, total):  # type: ignore[no-untyped-def]
+    for b in range(len(total)):
+        total[b] = (
+            np.int32(line[b, channel])
+            + np.int32(line[b, channel + depth])
+            + np.int32(line[b, channel + 2 * depth])
+            + np.int32(line[b, channel + 3 * depth])
+        )
+
+
+@njit(cache=True, nogil=True)
+def _stand_out(total, rise):  # type: ignore[no-untyped-def]
+    """Twice what two blocks hold, less what those AWAY to either side hold; total has _PAD more each side."""
+    for b in range(len(rise)):
+        rise[b] = 2 * (total[b + 6] + total[b + 7]) - (total[b + 2] + total[b + 3]) - (total[b + 10] + total[b + 11])
+
+
+@njit(cache=True, nogil=True)
+def _keep(image, channel, table, bits, r, begin, first, last, side, bright, place, width):  # type: ignore[no-untyped-def]
+    """Keep the peak within the two blocks at `begin`, if its colour is the laser's, in order of its height."""
+    columns, depth = image.shape[1], image.shape[2]
+    low, high = max(begin - 1, 1), min(begin + 2 * BLOCK, columns - 2)
+    peak, top = low, np.int32(-1)
+    before, here = np.int32(image[r, low - 1, channel]), np.int32(image[r, low, channel])
+    for c in range(low, high + 1):
+        after = np.int32(image[r, c + 1, channel])
+        value = before + 2 * here + after
+        if value > top:
+            top = value
             peak = c
+        before, here = here, after
     if depth == 3:
+        shift = 8 - bits
         passed = False
-        for c in range(peak - 1, peak + 2):
+        for c in range(max(peak - 1, 0), min(peak + 2, columns)):
             b, g, red = image[r, c, 0] >> shift, image[r, c, 1] >> shift, image[r, c, 2] >> shift
-            bits = 8 - shift
-            if table[(b << (2 * bits)) | (g << bits) | red]:
-                passed = True
+            passed |= table[(b << (2 * bits)) | (g << bits) | red] > 0
         if not passed:
             return
-    side = 0.5 * (float(image[r, at - reach, channel]) + float(image[r, at + reach, channel]))
-    height = float(image[r, peak, channel]) - side
+    height = 0.25 * top - side
     if height <= 0.0:
         return
     half = side + 0.5 * height
     left = peak
-    while left > at - reach and image[r, left, channel] > half:
+    while left > 0 and peak - left < 2 * AWAY and image[r, left, channel] > half:
         left -= 1
     right = peak
-    while right < at + reach and image[r, right, channel] > half:
+    while right < columns - 1 and right - peak < 2 * AWAY and image[r, right, channel] > half:
         right += 1
-    a0, a1 = float(image[r, left, channel]), float(image[r, left + 1, channel])
-    b0, b1 = float(image[r, right, channel]), float(image[r, right - 1, channel])
-    from_left = left + (half - a0) / (a1 - a0) if a1 > a0 else float(left)
-    from_right = right - (half - b0) / (b1 - b0) if b1 > b0 else float(right)
+    a0, a1 = float(image[r, left, channel]), float(image[r, min(left + 1, columns - 1), channel])
+    b0, b1 = float(image[r, right, channel]), float(image[r, max(right - 1, 0), channel])
+    x0 = left + (half - a0) / (a1 - a0) if a1 > half >= a0 else float(left)
+    x1 = right - (half - b0) / (b1 - b0) if b1 > half >= b0 else float(right)
+    middle = 0.5 * (x0 + x1)
+    if not first <= middle <= last:
+        return
     for k in range(CANDIDATES):
-        if place[r, k] < 0 or height > contrast[r, k]:
+        if abs(place[r, k] - middle) < AWAY // 2:
+            return
+        if height > bright[k]:
             for m in range(CANDIDATES - 1, k, -1):
                 place[r, m] = place[r, m - 1]
-                contrast[r, m] = contrast[r, m - 1]
+                bright[m] = bright[m - 1]
                 width[r, m] = width[r, m - 1]
-            place[r, k] = at
-            contrast[r, k] = height
-            width[r, k] = from_right - from_left
+            place[r, k] = middle
+            bright[k] = height
+            width[r, k] = x1 - x0
             return
 
 
 @njit(cache=True, nogil=True)
-def refine(image, channel, place, spread, noise_floor, gain, u, sigma, amplitude, clipped):  # type: ignore[no-untyped-def]
-    """Sub-pixel column of each candidate, its sigma, amplitude above the surroundings, and whether the peak is clipped.
+def spread_of(image, channel, place, width, step, least, most):  # type: ignore[no-untyped-def]
+    """1 sigma of the stripe's profile, px, from least to most: the median over every `step`-th row.
 
-    The zero of the correlation with the derivative of a Gaussian of the stripe's own width (`spread`, 1 sigma px) is the
-    maximum-likelihood column in white noise (Canny 1986); a line through both surroundings is taken off first, so that a
-    slope of the background does not pull. noise_floor, gain: variance of a pixel = noise_floor^2 + gain * value.
+    Correlating exp(-t^2 / 2 sigma^2) with (1 - d^2) exp(-d^2 / 2), d = t / s, gives s^3 sigma / (s^2 + sigma^2)^1.5:
+    the ratio for two s tells sigma, whatever the height, the dark level and, nearly, the halo.
     """
-    rows, columns = image.shape[0], image.shape[1]
-    reach = int(np.ceil(4.0 * spread))
-    flank = max(3, int(np.ceil(1.5 * spread)))
-    bound = np.sqrt(2.0 * spread / np.sqrt(np.pi))
-    for r in range(rows):
-        for k in range(CANDIDATES):
-            c = place[r, k]
-            u[r, k] = np.nan
-            if c < 0:
-                continue
-            begin, end = max(c - reach - flank, 0), min(c + reach + flank, columns - 1)
-            left, right = 0.0, 0.0
-            nl, nr = 0, 0
-            for j in range(begin, c - reach + 1):
-                left += image[r, j, channel]
-                nl += 1
-            for j in range(c + reach, end + 1):
-                right += image[r, j, channel]
-                nr += 1
-            if nl == 0 or nr == 0:
-                continue
-            left /= nl
-            right /= nr
-            xl, xr = 0.5 * (begin + c - reach), 0.5 * (end + c + reach)
-            slope = (right - left) / (xr - xl)
-            x = float(c)
-            curvature = 0.0
-            area = 0.0
-            good = False
-            for _ in range(12):
-                moment, area, curvature = 0.0, 0.0, 0.0
-                for j in range(max(int(x) - reach, 0), min(int(x) + reach + 2, columns)):
-                    d = (j - x) / spread
-                    w = np.exp(-0.5 * d * d)
-                    value = image[r, j, channel] - (left + slope * (j - xl))
-                    moment += w * d * value
-                    area += w * value
-                    curvature += w * (1.0 - d * d) * value
-                if area <= 0.0 or curvature <= 0.0:
-                    break
-                step = spread * moment / curvature
-                step = min(max(step, -1.0), 1.0)
-                x += step
-                if abs(x - c) > 3.0 * spread + 2.0:
-                    break
-                if abs(step) < 1e-3:
-                    good = True
-                    break
-            if not good:
-                continue
-            high = area / (spread * np.sqrt(np.pi))
-            top = image[r, min(max(int(x + 0.5), 0), columns - 1), channel]
-            variance = noise_floor * noise_floor + gain * 0.5 * (top + 0.5 * (left + right))
-            tilt = abs(right - left) / max(high, 1.0)
-            u[r, k] = x
-            amplitude[r, k] = high
-            clipped[r, k] = top >= 254
-            sigma[r, k] = np.sqrt(variance * bound * bound / (high * high) + (0.25 * tilt * spread) ** 2)
-            if clipped[r, k]:
-                sigma[r, k] = max(sigma[r, k], 0.15 * spread)
+    rows = image.shape[0]
+    found = np.empty(rows // step + 1)
+    n = 0
+    for r in range(step // 2, rows, step):
+        if place[r, 0] >= 0.0:
+            found[n] = width[r, 0] / 2.3548
+            n += 1
+    if n < 4:
+        return min(max(2.0, least), most)
+    spread = np.median(found[:n])
+    for _ in range(2):
+        spread = _compare_scales(image, channel, place, min(max(spread, least), most), step, found)
+    return min(max(spread, least), most)
 
 
 @njit(cache=True, nogil=True)
-def choose(u, amplitude, largest_step, least_run, chosen):  # type: ignore[no-untyped-def]
-    """The most likely path down the rows through the candidates (Viterbi), and only its pieces of `least_run` rows.
-
-    A row may have none. A candidate earns its amplitude relative to the image's own; a jump costs, but not without bound,
-    since depth has edges. chosen (h,) gets the candidate's number or -1.
-    """
-    rows = u.shape[0]
-    typical = 0.0
+def _compare_scales(image, channel, place, start, step, found):  # type: ignore[no-untyped-def]
+    rows, columns = image.shape[0], image.shape[1]
     n = 0
-    for r in range(rows):
-        if not np.isnan(u[r, 0]):
-            typical += amplitude[r, 0]
-            n += 1
-    if n == 0:
-        chosen[:] = -1
-        return
-    typical /= n
-    states = CANDIDATES + 1
-    score = np.zeros((rows, states))
-    back = np.zeros((rows, states), np.int64)
-    column = np.zeros((rows, states))
-    for r in range(rows):
-        for s in range(states):
-            earn = 0.0
-            here = np.nan
-            if s < CANDIDATES:
-                here = u[r, s]
-                earn = min(amplitude[r, s] / typical, 1.5) - 0.2 if not np.isnan(here) else -1e9
-            best = -1e18
-            if r == 0:
-                best = earn
-                column[r, s] = here
-            else:
-                for p in range(states):
-                    before = column[r - 1, p]
-                    cost = 0.0
-                    if s < CANDIDATES and not np.isnan(before) and not np.isnan(here):
-                        cost = min(abs(here - before) / largest_step, 3.0) * 0.5
-                    value = score[r - 1, p] + earn - cost
-                    if value > best:
-                        best = value
-                        back[r, s] = p
-                column[r, s] = here if s < CANDIDATES and not np.isnan(here) else column[r - 1, back[r, s]]
-            score[r, s] = best
-    s = int(np.argmax(score[rows - 1]))
-    for r in range(rows - 1, -1, -1):
-        chosen[r] = s if s < CANDIDATES and not np.isnan(u[r, s]) else -1
-        s = back[r, s]
-    begin = 0
-    while begin < rows:
-        if chosen[begin] < 0:
-            begin += 1
+    for r in range(step // 2, rows, step):
+        x = place[r, 0]
+        reach = int(5.5 * start)
+        if not reach < x < columns - reach - 2:
             continue
-        end = begin
-        while end + 1 < rows and chosen[end + 1] >= 0:
-            if abs(u[end + 1, chosen[end + 1]] - u[end, chosen[end]]) > largest_step:
+        fine, coarse = 0.0, 0.0
+        clipped = 0
+        for turn in range(3):
+            tilt, fine, coarse = 0.0, 0.0, 0.0
+            for c in range(int(x) - reach, int(x) + reach + 2):
+                value = float(image[r, c, channel])
+                clipped += value >= CLIPPED
+                d2 = ((c - x) / start) ** 2
+                bell = np.exp(-0.5 * d2)
+                tilt += (c - x) * bell * value
+                fine += (1.0 - d2) * bell * value
+                if turn == 2:
+                    coarse += (1.0 - d2 / 2.25) * np.exp(-d2 / 4.5) * value
+            if fine <= 0.0:
                 break
-            end += 1
-        if end - begin + 1 < least_run:
-            for r in range(begin, end + 1):
-                chosen[r] = -1
-        begin = end + 1
+            if turn < 2:
+                x += min(max(tilt / fine, -start), start)
+        if fine > 0.0 and coarse > 0.0 and clipped < 12 * start:
+            ratio = (coarse / (3.375 * fine)) ** (2.0 / 3.0)
+            if 1.0 / 2.25 < ratio < 1.0:
+                found[n] = start * np.sqrt((2.25 * ratio - 1.0) / (1.0 - ratio))
+                n += 1
+    return np.median(found[:n]) if n >= 4 else start
+
+
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
+def refine(image, channel, place, slope, curvature, water, rest, spread, least, u, gain, pull, noise, clipped):  # type: ignore[no-untyped-def]
+    """Each candidate's column u (h, 3), where its correlation with `slope` is zero, NaN where it is not `least` high.
+
+    The tables are those of Templates. gain (h, 3): grey levels by which the correlation changes per px; pull (h, 3):
+    what the water adds to the correlation; noise (h, 3): response of `rest`; clipped (h, 3) bool.
+    """
+    rows, columns = image.shape[0], image.shape[1]
+    phases, taps = slope.shape
+    reach = taps // 2 - 1
+    wide = water.shape[1]
+    wing = (wide - taps) // 2
+    row = np.empty(wide + 16, np.float32)
+    for r in range(rows):
+        for k in range(CANDIDATES):
+            u[r, k] = np.nan
+            if not place[r, k] >= 0.0:
+                continue
+            x = place[r, k]
+            base = int(x)
+            origin = base - reach - wing - 8
+            for j in range(wide + 16):
+                row[j] = image[r, min(max(origin + j, 0), columns - 1), channel]
+            found = False
+            phase = 0
+            bend = np.float32(1.0)
+            at = 0
+            for _ in range(8):
+                base = int(x)
+                phase = int((x - base) * phases + 0.5)
+                if phase == phases:
+                    base += 1
+                    phase = 0
+                at = base - reach - origin
+                if at - wing < 0 or at + taps + wing > wide + 16:
+                    break
+                if base - reach // 2 < 0 or base + reach // 2 >= columns:
+                    break
+                tilt = np.float32(0.0)
+                bend = np.float32(0.0)
+                for j in range(taps):
+                    tilt += slope[phase, j] * row[at + j]
+                    bend += curvature[phase, j] * row[at + j]
+                if bend <= 0.0:
+                    break
+                step = spread * tilt / bend
+                start = base + phase / phases
+                if abs(step) < 0.75 / phases:
+                    x = start + step
+                    found = True
+                    break
+                x = start + min(max(step, -1.0), 1.0)
+            if not found or not 0.0 <= x <= columns - 1.0:
+                continue
+            gain[r, k] = bend / spread
+            if gain[r, k] * HEIGHT < least:
+                continue
+            lit = np.float32(0.0)
+            for j in range(wide):
+                lit += water[phase, j] * row[at - wing + j]
+            other = np.float32(0.0)
+            for j in range(taps):
+                other += rest[phase, j] * row[at + j]
+            top = max(row[at + reach], row[at + reach + 1])
+            u[r, k] = x
+            whole = base - reach - wing >= 0 and base + reach + wing + 1 < columns
+            pull[r, k] = lit if whole else np.nan
+            noise[r, k] = other
+            clipped[r, k] = top >= CLIPPED
 
 
 @njit(cache=True, nogil=True)

@@ -28,11 +28,10 @@ def detect_all(
     """
     losses = ImageLosses() if losses is None else losses
     settings = detector.settings
-    size = None if detector.rig is None else (detector.rig.camera.width, detector.rig.camera.height)
 
     def work(image: Image) -> Stripe | str:
         try:
-            pixels = decode(image, size, settings.max_pixels)
+            pixels = decode(image, detector.image_size, settings.max_pixels)
         except UnusableImage as reason:
             return str(reason)
         return detector.detect(pixels, image.stamp_ns, None if alpha_of is None else alpha_of(image.stamp_ns))

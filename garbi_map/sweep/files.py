@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from garbi_map.aside import remove_leftovers, write_text, written_aside
 from garbi_map.errors import GarbiError
 from garbi_map.sweep.types import Sweep
 
@@ -32,9 +33,8 @@ def write_sweep(path: Path, sweep: Sweep) -> None:
     cloud.gps_time = sweep.point_stamp_ns * 1e-9
     cloud.sigma = sweep.sigma
     cloud.row = sweep.row
-    aside = path.with_name(f".{path.name}")
-    cloud.write(str(aside), do_compress=True)
-    aside.replace(path)
+    with written_aside(path) as aside:
+        cloud.write(str(aside), do_compress=True)
 
 
 def write_sweeps(folder: Path, sweeps: Iterable[Sweep]) -> int:
@@ -46,6 +46,7 @@ def write_sweeps(folder: Path, sweeps: Iterable[Sweep]) -> int:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise GarbiError(f"{folder}: cannot be made a folder: {error.strerror}") from error
+    remove_leftovers(folder)
     index = folder / "sweeps.json"
     index.unlink(missing_ok=True)
     entries: list[dict[str, str | int | float]] = []
@@ -69,7 +70,5 @@ def write_sweeps(folder: Path, sweeps: Iterable[Sweep]) -> int:
             old.unlink()
     if not entries:
         return 0
-    aside = folder / ".sweeps.json"
-    aside.write_text(json.dumps({"frame": "rig", "unit": "m", "sweeps": entries}, indent=1) + "\n")
-    aside.replace(index)
+    write_text(index, json.dumps({"frame": "rig", "unit": "m", "sweeps": entries}, indent=1) + "\n")
     return len(entries)

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from garbi_map.aside import write_text
 from garbi_map.sweep.types import Sweep
 
 _ARRAYS = ("stamp_ns", "alpha", "points", "sigma", "intensity", "profile", "row")
@@ -18,12 +19,14 @@ _CATALOGUE = "sweeps.json"
 
 @dataclass(frozen=True)
 class StoredSweep:
-    """What is known of a sweep without opening its file: first and last stamp (ns), number of profiles and points."""
+    """What is known of a sweep without opening its file: first and last stamp (ns), number of profiles, of those
+    among them that hold no point, and of points."""
 
     index: int
     begin_ns: int
     end_ns: int
     profiles: int
+    blank: int
     points: int
 
 
@@ -38,13 +41,13 @@ class SweepStore:
     @classmethod
     def open(cls, folder: Path) -> SweepStore | None:
         """The finished store in a folder, or None."""
+        store = cls(folder)
         try:
             catalogue = json.loads((folder / _CATALOGUE).read_text())
-        except (OSError, ValueError):
+            store.entries = [StoredSweep(**entry) for entry in catalogue["sweeps"]]
+            store.losses = catalogue["losses"]
+        except (OSError, ValueError, KeyError, TypeError):
             return None
-        store = cls(folder)
-        store.entries = [StoredSweep(**entry) for entry in catalogue["sweeps"]]
-        store.losses = catalogue["losses"]
         return store
 
     def add(self, sweep: Sweep) -> None:
@@ -54,17 +57,17 @@ class SweepStore:
         arrays["points"] = sweep.points.astype(np.float32)
         np.savez(self._file(len(self.entries)), **arrays)
         stamps = sweep.stamp_ns
+        blank = len(stamps) - len(np.unique(sweep.profile))
         self.entries.append(
-            StoredSweep(len(self.entries), int(stamps[0]), int(stamps[-1]), len(stamps), len(sweep.points))
+            StoredSweep(len(self.entries), int(stamps[0]), int(stamps[-1]), len(stamps), blank, len(sweep.points))
         )
 
     def finish(self, losses: list[str]) -> None:
         """Writes the catalogue, with what was left out on the way; from now on the store can be opened again."""
         self.losses = losses
         self.folder.mkdir(parents=True, exist_ok=True)
-        aside = self.folder / (_CATALOGUE + ".part")
-        aside.write_text(json.dumps({"sweeps": [asdict(entry) for entry in self.entries], "losses": losses}))
-        aside.rename(self.folder / _CATALOGUE)
+        catalogue = {"sweeps": [asdict(entry) for entry in self.entries], "losses": losses}
+        write_text(self.folder / _CATALOGUE, json.dumps(catalogue))
 
     def load(self, index: int) -> Sweep:
         """One sweep, points as float64."""

@@ -31,7 +31,7 @@ class SweepLosses:
         named = {
             "profiles without a laser angle (gaps in the encoder)": self.profiles_without_angle,
             "profiles whose stamp is not after the one before": self.profiles_out_of_order,
-            "sweeps with too few points": self.sweeps_too_small,
+            "sweeps with too few points, left out as a whole": self.sweeps_too_small,
         }
         return [f"{count} {what}" for what, count in named.items() if count]
 

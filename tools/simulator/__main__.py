@@ -22,6 +22,8 @@ def main() -> int:
     parser.add_argument("--workers", type=int, default=min(os.cpu_count() or 1, 8), help="processes that render")
     parser.add_argument("--no-truth", action="store_true", help="do not write truth_* and rig.yaml beside the log")
     arguments = parser.parse_args()
+    if arguments.seed is not None and arguments.seed < 0:
+        parser.error("--seed must not be negative")
     try:
         scenario = load_scenario(arguments.scenario)
         if arguments.seed is not None:

@@ -134,14 +134,17 @@ class Dive:
             view, alpha = self._seen_at(time)
             laser = self.scenario.laser
             line = cast_slice(self.rig, plane_at(self.rig, alpha, laser), laser, 0.0, view.cast)
-            position, rotation = self._rig_pose(time)
+            position, rotation = self.rig_pose(time)
             points = line.point[line.seen]
             points = points[rng.permutation(len(points))[: 2 * count // len(times) + 1]]
             found.append(rotation.apply(points) + position)
+            if self.scene.movers:
+                found[-1] = found[-1][self.scene.on_ground(found[-1])]
         points = np.concatenate(found)
         return points[rng.permutation(len(points))[:count]]
 
-    def _rig_pose(self, time: float) -> tuple[Floats, Rotation]:
+    def rig_pose(self, time: float) -> tuple[Floats, Rotation]:
+        """True position (3,) m and rotation map <- rig at a time (s)."""
         now = self.motion.at(time)
         rotation = now.rotation[0]
         return (
@@ -150,7 +153,7 @@ class Dive:
         )
 
     def _seen_at(self, time: float) -> tuple[View, float]:
-        position, rotation = self._rig_pose(time)
+        position, rotation = self.rig_pose(time)
         return view_of(self.scene, position, rotation, time), float(laser_angle(self.scenario.laser, time)[0])
 
 

@@ -64,7 +64,7 @@ class Motion:
             - h * b[:, 8:11] * w**2 * (1 - w)
         )
         blend = a[:, 8:] * (1 - w) + b[:, 8:] * w
-        first, last = int(after.min()) - 1, int(after.max())
+        first, last = (int(after.min()) - 1, int(after.max())) if len(t) else (0, 1)
         turning = Slerp(own[first : last + 1], Rotation.from_quat(rows[first : last + 1, 4:8]))
         return Kinematics(
             position,

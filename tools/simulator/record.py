@@ -16,21 +16,31 @@ TRUTH_RATE = 100.0  # Hz, of truth_trajectory.tum
 TRUTH_TOPIC_RATE = 20.0  # Hz, of /truth/odometry
 
 
-def write_log(dive: Dive, path: Path, workers: int = 2, progress: Callable[[int, int], None] | None = None) -> float:
+def write_log(
+    dive: Dive,
+    path: Path,
+    workers: int = 2,
+    progress: Callable[[int, int], None] | None = None,
+    metadata: dict[str, dict[str, str]] | None = None,
+    truth: bool = True,
+) -> float:
     """Render the dive into an MCAP log, in order of arrival; `progress(done, all)` is told after each image.
 
-    The log carries rig.yaml as attachment and the truth as /truth/odometry. Returns the images per second that were
-    rendered and written once the workers had started."""
+    The log carries rig.yaml as attachment, `metadata` as records by name and, if wanted, the truth as /truth/odometry.
+    workers: 0 to render in this process, as a dive has to that was not flown along its route. Returns the images per
+    second that were rendered and written once the workers had started."""
     total = len(dive.exposures)
     begin = time.perf_counter()
     with LogWriter(path, Topics(odometry="/truth/odometry")) as log:
         log.attach("rig.yaml", "application/yaml", dive.rig.to_yaml().encode())
         log.write_metadata("garbi.simulator", {"scenario": dive.scenario.model_dump_json()})
+        for name, record in (metadata or {}).items():
+            log.write_metadata(name, record)
         log.write_mounts(START_NS, dive.mounts)
         camera = dive.rig.camera
         matrix = np.array([[camera.alpha_u, 0, camera.u0], [0, camera.alpha_v, camera.v0], [0, 0, 1]])
         log.write_camera_info(START_NS, camera.width, camera.height, matrix, list(camera.distortion))
-        messages = _navigation_messages(dive, log)
+        messages = _navigation_messages(dive, log, truth)
         sent = 0
         for done, image in enumerate(dive.images(workers), 1):
             if done == 1:
@@ -46,7 +56,7 @@ def write_log(dive: Dive, path: Path, workers: int = 2, progress: Callable[[int,
     return (total - 1) / (time.perf_counter() - begin)
 
 
-def _navigation_messages(dive: Dive, log: LogWriter) -> list[tuple[int, Callable[[], None]]]:
+def _navigation_messages(dive: Dive, log: LogWriter, with_truth: bool) -> list[tuple[int, Callable[[], None]]]:
     """(arrival, what writes it) of every message but the images, in order of arrival."""
     navigation = dive.navigation()
     messages: list[tuple[int, Callable[[], None]]] = []
@@ -70,7 +80,7 @@ def _navigation_messages(dive: Dive, log: LogWriter) -> list[tuple[int, Callable
     if (dvl := navigation.dvl) is not None:
         for i, stamp in enumerate(dvl.stamp_ns):
             add(dvl.arrival_ns[i], log.write_dvl, stamp, dvl.velocity[i], dvl.covariance[i], dvl.arrival_ns[i])
-    times = np.arange(0.0, dive.scenario.duration, 1 / TRUTH_TOPIC_RATE)
+    times = np.arange(0.0, dive.scenario.duration if with_truth else 0.0, 1 / TRUTH_TOPIC_RATE)
     truth = dive.motion.at(times)
     for stamp, position, quaternion in zip(to_ns(times), truth.position, truth.rotation.as_quat(), strict=True):
         add(stamp, log.write_odometry, stamp, position, quaternion, stamp, ("map", "base_link"))

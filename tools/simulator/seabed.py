@@ -77,6 +77,12 @@ class Scene:
         normal[away] *= -1
         return distance, normal
 
+    def on_ground(self, points: Floats) -> NDArray[np.bool_]:
+        """Whether points (n, 3) m lie on the still seabed, within a millimetre, and not on what moves."""
+        o3d = _open3d()
+        away = self._still.compute_distance(o3d.core.Tensor(points.astype(np.float32)))
+        return np.asarray(away.numpy()) < 1e-3
+
     def write(self, path: Path) -> None:
         """The true still surface as binary PLY."""
         o3d = _open3d()

@@ -58,12 +58,12 @@ class LitLine:
         return np.isfinite(self.pixel[:, 0])
 
 
-def plane_at(rig: Rig, alpha: float, laser: Laser) -> Plane:
-    """The sheet at an encoder angle."""
+def plane_at(rig: Rig, alpha: float, laser: Laser, rays: int = RAYS) -> Plane:
+    """The sheet at an encoder angle, as a fan of that many rays."""
     normal = rig.sheet(alpha)[0]
     ahead = np.array([1.0, 0.0, 0.0]) - normal[0] * normal
     ahead /= np.linalg.norm(ahead)
-    tangent = np.linspace(-laser.fan, laser.fan, RAYS)
+    tangent = np.linspace(-laser.fan, laser.fan, rays)
     return Plane(rig.laser.apex, normal, ahead, np.cross(ahead, normal), tangent)
 
 

@@ -1,0 +1,148 @@
+"""Every decision, explained, as standard messages in a log that Rerun and Foxglove open."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from behaviours.types import AXES, Command, Pose, Proposal
+from garbi_map.log import LogWriter
+
+OK, WARN, ERROR, STALE = 0, 1, 2, 3
+COMMAND, DECISIONS, VERDICT = "/behaviours/command", "/behaviours/decisions", "/behaviours/verdict"
+
+
+@dataclass(frozen=True)
+class Decision:
+    """One tick.
+
+    proposals  of each behaviour, with activation and reason
+    merged     what the coordinator made of them; winner, merging: whose it mostly is, in words
+    command    what safety let through; changes: what it changed and why; braked: it more than halved the surge
+    troubles   what was wrong with the input
+    obstacle   m from the bow to what the newest profiles show in its way, inf: they show nothing
+    view       what is known of the water ahead, in words
+    """
+
+    now_ns: int
+    pose: Pose | None
+    proposals: list[Proposal]
+    merged: Command
+    winner: str
+    merging: str
+    command: Command
+    changes: list[str]
+    braked: bool
+    troubles: list[str]
+    obstacle: float
+    view: str
+
+    def proposal(self, name: str) -> Proposal | None:
+        """What the behaviour of that name proposed."""
+        return next((one for one in self.proposals if one.name == name), None)
+
+    def text(self) -> str:
+        """All of it in one line."""
+        parts = [f"{one.name} {one.activation:.2f}: {one.reason}" for one in self.proposals]
+        parts.append(f"coordinator: {self.merging}")
+        parts.append("safety: " + ("; ".join(self.changes) or "nothing to change"))
+        parts.append(f"view: {self.view}")
+        parts += [f"input: {trouble}" for trouble in self.troubles]
+        return " | ".join(parts)
+
+
+class DecisionWriter:
+    """Writes decisions to MCAP; a context manager. The same decisions make the same bytes."""
+
+    def __init__(self, path: Path) -> None:
+        self._log = LogWriter(path)
+        self._make = self._log.types.types
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._log.__exit__(kind, error, trace)
+
+    def write(self, decision: Decision) -> None:
+        """One tick: the command and everything that led to it."""
+        self._write_command(decision)
+        statuses = [
+            self._status(
+                WARN if decision.troubles else OK,
+                "feed",
+                "; ".join(decision.troubles) or "all well",
+                {"view": decision.view, "obstacle": _number(decision.obstacle), **_pose(decision.pose)},
+            )
+        ]
+        for one in decision.proposals:
+            values = {"activation": _number(one.activation), "priority": str(one.priority), "axes": " ".join(one.axes)}
+            values |= {key: _number(value) for key, value in one.facts.items()}
+            statuses.append(self._status(OK, f"behaviour/{one.name}", one.reason, values | _values(one.command)))
+        statuses.append(
+            self._status(OK, "coordinator", decision.merging, {"winner": decision.winner, **_values(decision.merged)})
+        )
+        changes = "; ".join(decision.changes)
+        statuses.append(
+            self._status(WARN if changes else OK, "safety", changes or "nothing to change", _values(decision.command))
+        )
+        self._write_array(DECISIONS, decision.now_ns, statuses)
+
+    def write_verdict(self, now_ns: int, lines: list[tuple[str, str, str]]) -> None:
+        """(expectation, what became of it: held, failed, no encounter; in words)."""
+        levels = {"held": OK, "failed": ERROR, "no encounter": STALE}
+        statuses = [self._status(levels[state], name, words, {"verdict": state}) for name, state, words in lines]
+        self._write_array(VERDICT, now_ns, statuses)
+
+    def write_metadata(self, name: str, record: dict[str, str]) -> None:
+        """What the decisions were made with."""
+        self._log.write_metadata(name, record)
+
+    def _write_command(self, decision: Decision) -> None:
+        command = decision.command
+        vector = self._make["geometry_msgs/msg/Vector3"]
+        twist = self._make["geometry_msgs/msg/Twist"](
+            linear=vector(x=command.surge, y=0.0, z=command.heave),
+            angular=vector(x=0.0, y=command.pitch, z=command.yaw),
+        )
+        message = self._make["geometry_msgs/msg/TwistStamped"](
+            header=self._log.header(decision.now_ns, "base_link"), twist=twist
+        )
+        self._log.write(COMMAND, "geometry_msgs/msg/TwistStamped", message, decision.now_ns)
+
+    def _status(self, level: int, name: str, message: str, values: dict[str, str]) -> Any:
+        pairs = [self._make["diagnostic_msgs/msg/KeyValue"](key=key, value=value) for key, value in values.items()]
+        return self._make["diagnostic_msgs/msg/DiagnosticStatus"](
+            level=level, name=name, message=message, hardware_id="garbi", values=pairs
+        )
+
+    def _write_array(self, topic: str, now_ns: int, statuses: list[Any]) -> None:
+        message = self._make["diagnostic_msgs/msg/DiagnosticArray"](
+            header=self._log.header(now_ns, "base_link"), status=statuses
+        )
+        self._log.write(topic, "diagnostic_msgs/msg/DiagnosticArray", message, now_ns)
+
+
+def _number(value: float) -> str:
+    return f"{value:.3f}" if np.isfinite(value) else "none"
+
+
+def _values(command: Command) -> dict[str, str]:
+    return {axis: _number(value) for axis, value in zip(AXES, command.array(), strict=True)}
+
+
+def _pose(pose: Pose | None) -> dict[str, str]:
+    if pose is None:
+        return {}
+    names = ("x", "y", "z")
+    return {name: _number(float(value)) for name, value in zip(names, pose.position, strict=True)} | {
+        "heading": _number(pose.heading),
+        "speed": _number(float(pose.velocity[0])),
+        "sway": _number(float(pose.velocity[1])),
+    }

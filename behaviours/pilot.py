@@ -1,0 +1,146 @@
+"""One decision: what became known goes into the space, each behaviour proposes, the coordinator merges, safety has the
+last word."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+
+from behaviours.avoidance import Avoidance
+from behaviours.coordinator import coordinate
+from behaviours.decisions import Decision
+from behaviours.feed import Seen
+from behaviours.moving import Mover, Movers
+from behaviours.safety import SafetyFilter
+from behaviours.settings import BehaviourSettings
+from behaviours.situation import Situation
+from behaviours.space import Space
+from behaviours.stabilisation import Stabilisation
+from behaviours.survey import Survey
+from behaviours.travel import Travel
+from behaviours.types import Command, Pose, Proposal
+from garbi_map.log.records import Floats, Mount
+from garbi_map.rig import Rig
+
+LOOK = 3.0  # m before the bow
+
+
+class Behaviour(Protocol):
+    """From a situation to a proposal."""
+
+    name: str
+
+    def propose(self, situation: Situation) -> Proposal:
+        """The proposal of this moment."""
+        ...
+
+
+class Pilot:
+    """All behaviours of one vehicle. `decide` is called once per period, with what has become known since."""
+
+    def __init__(self, settings: BehaviourSettings, rig: Rig, mount: Mount) -> None:
+        self.settings = settings
+        self.space = Space(rig, mount, settings.vehicle, settings.space, settings.feed, settings.water)
+        self.movers = Movers()
+        self.sees_ahead = sees_ahead(rig, self.space, np.array(settings.vehicle.hull) / 2)
+        self.safety = SafetyFilter(settings.vehicle, settings.safety, self.sees_ahead, settings.prior)
+        self.behaviours: list[Behaviour] = []
+        if settings.avoidance:
+            self.behaviours.append(Avoidance(settings.avoidance, settings.vehicle))
+        if settings.travel:
+            self.behaviours.append(Travel(settings.travel, settings.vehicle))
+        if settings.survey and settings.survey.area:
+            self.behaviours.append(Survey(settings.survey, float(mount.translation[0])))
+        if settings.hold:
+            self.behaviours.append(Stabilisation(settings.hold, mount.translation))
+        self._half = np.array(settings.vehicle.hull) / 2
+
+    def decide(self, seen: Seen) -> Decision:
+        """The command of this moment, and why."""
+        if seen.pose is None:
+            stop = Command()
+            return Decision(
+                seen.now_ns, None, [], stop, "none", "nothing is known yet: stop", stop, [], False, [], np.inf, ""
+            )
+        for profile in seen.profiles:
+            surprising = self.space.see(profile)
+            self.movers.see(profile, surprising)
+        self.space.be_at(seen.pose)
+        self.space.assume_free(self.settings.prior.free_above if self.settings.prior and not self.sees_ahead else None)
+        situation = self._situation(seen, seen.pose)
+        proposals = [behaviour.propose(situation) for behaviour in self.behaviours]
+        merged = coordinate(proposals, seen.now_ns)
+        safe = self.safety.filter(
+            merged.command, seen.pose, situation.nearby, situation.corridor, situation.movers, situation.troubles
+        )
+        corridor = situation.corridor
+        view = f"free {corridor.length:.1f} m ahead, then {corridor.end}; seen {min(corridor.age, 999.0):.1f} s ago"
+        view += "".join(_words(mover, seen.pose) for mover in situation.movers)
+        return Decision(
+            seen.now_ns,
+            seen.pose,
+            proposals,
+            merged.command,
+            merged.winner,
+            merged.words,
+            safe.command,
+            safe.changes,
+            safe.braked,
+            situation.troubles,
+            self._obstacle(seen),
+            view,
+        )
+
+    def _situation(self, seen: Seen, pose: Pose) -> Situation:
+        troubles = list(seen.troubles)
+        if self.sees_ahead and self.space.clear_range(seen.now_ns) == 0.0:
+            troubles.append("nothing has returned lately: the water proves nothing")
+        return Situation(
+            seen.now_ns,
+            pose,
+            seen.profiles,
+            self.space,
+            self.space.nearby(pose, self.settings.safety.horizon),
+            self.space.corridor(pose, LOOK),
+            self.movers.now(),
+            troubles,
+        )
+
+    def _obstacle(self, seen: Seen) -> float:
+        """Distance, m, from the bow to the nearest thing in its way that the new profiles themselves show; inf: none."""
+        nearest = np.inf
+        for profile in seen.profiles:
+            if seen.pose is None:
+                continue
+            points = in_the_way(seen.pose.to_base(profile.points[profile.solid]), self._half)
+            if len(points) >= 5:
+                nearest = min(nearest, float(np.sort(points[:, 0])[4] - self._half[0]))
+        return nearest
+
+
+def _words(mover: Mover, pose: Pose) -> str:
+    x, y, _ = pose.to_base(mover.at(pose.stamp_ns)[None])[0]
+    speed = float(np.linalg.norm(mover.velocity))
+    return f"; something moving at {x:.1f} m ahead, {y:+.1f} m to port, {speed:.2f} m/s, seen in {mover.passes} passes"
+
+
+def in_the_way(points: Floats, half: Floats) -> Floats:
+    """Those of points (n, 3), base_link, that the hull would meet going straight on, a hand's breadth added."""
+    margin = 0.1
+    meets = (
+        (points[:, 0] > half[0]) & (np.abs(points[:, 1]) < half[1] + margin) & (np.abs(points[:, 2]) < half[2] + margin)
+    )
+    return points[meets]
+
+
+def sees_ahead(rig: Rig, space: Space, half: Floats) -> bool:
+    """Whether the camera looks into the water that the hull would enter, two metres before the bow."""
+    x, y, z = np.meshgrid(
+        half[0] + np.array([1.5, 2.0, 2.5]), half[1] * np.array([-0.5, 0, 0.5]), half[2] * np.array([-0.5, 0, 0.5])
+    )
+    points = np.stack([x.ravel(), y.ravel(), z.ravel()], 1)
+    pixels = rig.project(space.to_rig(points))
+    size = np.array([rig.camera.width, rig.camera.height])
+    inside = np.isfinite(pixels).all(1) & (pixels >= 0).all(1) & (pixels < size).all(1)
+    return bool(inside.mean() > 0.5)

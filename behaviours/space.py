@@ -1,0 +1,223 @@
+"""The local volume about the vehicle: seen free, occupied, unknown, each with its age; and what moved through it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from behaviours import kernels
+from behaviours.settings import ClearWater, FeedSettings, SpaceSettings, Vehicle
+from behaviours.types import Pose, Profile
+from garbi_map.log.records import Floats, Mount
+from garbi_map.rig import Rig
+
+DOT = 2  # hits that a dot of a profile counts: one may be a flake of snow, two in the same place are something
+
+
+@dataclass(frozen=True)
+class Nearby:
+    """The nearest things about the hull, one per direction, base_link.
+
+    distance (m,) m from the hull; normal (m, 3) out of the hull; point (m, 3) of the hull; unknown (m,) bool, else hit
+    """
+
+    distance: Floats
+    normal: Floats
+    point: Floats
+    unknown: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Corridor:
+    """What lies before the bow: free length m, age s of its view, and what ends it: "nothing", "obstacle", "unseen"."""
+
+    length: float
+    age: float
+    end: str
+
+
+class Space:
+    """Bounded: a grid that moves with the vehicle. Incremental: one call of `see` per profile."""
+
+    def __init__(
+        self, rig: Rig, mount: Mount, vehicle: Vehicle, settings: SpaceSettings, feed: FeedSettings, water: ClearWater
+    ) -> None:
+        self.settings, self.water, self._rig, self._mount = settings, water, rig, mount
+        self.half = np.array(vehicle.hull) / 2
+        self.voxel = settings.voxel
+        width, height = settings.reach
+        self.shape = np.array([2 * round(width / self.voxel)] * 2 + [2 * round(height / self.voxel)], np.int64)
+        size = tuple(int(n) for n in self.shape)
+        self.layers = (
+            np.full(size, kernels.NEVER, np.int32),
+            np.full(size, kernels.NEVER, np.int32),
+            np.full(size, kernels.NEVER, np.int32),
+            np.zeros(size, np.uint8),
+            np.zeros(size, np.uint8),
+            np.full(size, -1, np.int32),
+            np.zeros(size, np.uint8),
+        )
+        self._blank = (kernels.NEVER, kernels.NEVER, kernels.NEVER, 0, 0, -1, 0)
+        self.low = np.zeros(3, np.int64)
+        self._start_ns: int | None = None
+        self._turn = Rotation.from_quat(mount.quaternion).as_matrix()
+        self._rows = max(round(feed.carve * rig.camera.alpha_v), 1)
+        columns = max(round(feed.carve * rig.camera.alpha_u), 1)
+        v = np.arange(self._rows // 2, rig.camera.height, self._rows)
+        u = np.arange(columns // 2, rig.camera.width, columns)
+        uu, vv = np.meshgrid(u, v)
+        origins, directions = rig.rays(uu.ravel(), vv.ravel())
+        self._origins = np.ascontiguousarray(origins.reshape(len(v), len(u), 3))
+        self._directions = np.ascontiguousarray(directions.reshape(len(v), len(u), 3))
+        self._axis = np.ascontiguousarray(rig.camera.rotation[:, 2])
+        self._proof: list[tuple[int, float]] = []
+        self._bottom: float | None = None
+        self.assumed_free_above = np.inf
+
+    @property
+    def _hold(self) -> tuple[int, int]:
+        return round(self.settings.hold * 1e3), round(self.settings.hold_moving * 1e3)
+
+    def _ms(self, stamp_ns: int) -> int:
+        assert self._start_ns is not None
+        return (stamp_ns - self._start_ns) // 1_000_000
+
+    def be_at(self, pose: Pose) -> None:
+        """The vehicle is here: where its hull is there is nothing else; the grid follows."""
+        first = self._start_ns is None
+        if first or pose.stamp_ns < self._start_ns - 3_600_000_000_000:  # type: ignore[operator]
+            self._start_ns = pose.stamp_ns - 1_000_000_000
+        self._follow(pose.position)
+        now = self._ms(pose.stamp_ns)
+        if first:
+            clearance = self.half + self.settings.launch_clearance
+            kernels.free_box(
+                pose.position, pose.rotation, clearance, self.voxel, self.low, self.shape, now, False, self.layers
+            )
+        kernels.free_box(
+            pose.position, pose.rotation, self.half, self.voxel, self.low, self.shape, now, True, self.layers
+        )
+
+    def _follow(self, position: Floats) -> None:
+        wanted = np.floor(position / self.voxel).astype(np.int64) - self.shape // 2
+        if (np.abs(wanted - self.low) * self.voxel < 0.5).all():
+            return
+        layers: tuple[NDArray[Any], ...] = self.layers
+        for axis in range(3):
+            shift = int(wanted[axis] - self.low[axis])
+            count = int(self.shape[axis])
+            if shift == 0:
+                continue
+            new = (
+                np.arange(count)
+                if abs(shift) >= count
+                else (
+                    np.arange(self.low[axis] + count, wanted[axis] + count)
+                    if shift > 0
+                    else np.arange(wanted[axis], self.low[axis])
+                )
+            )
+            place = (slice(None),) * axis + (np.mod(new, count),)
+            for layer, blank in zip(layers, self._blank, strict=True):
+                layer[place] = blank
+            self.low[axis] = wanted[axis]
+
+    def see(self, profile: Profile) -> NDArray[np.bool_]:
+        """Take in a profile; True (n,) for its points that lie where water had long been free: something moved."""
+        pose, settings = profile.pose, self.settings
+        if self._start_ns is None:
+            self.be_at(pose)
+        now, sweep = self._ms(profile.stamp_ns), profile.sweep
+        rotation = np.ascontiguousarray(pose.rotation @ self._turn)
+        position = pose.rotation @ self._mount.translation + pose.position
+        grid = (self.voxel, self.low, self.shape)
+        carving = (*grid, settings.hits, now, sweep, *self._hold, self.layers)
+        surprising = np.zeros(len(profile.points), bool)
+        surprising[profile.solid] = self._hit(profile.points[profile.solid], 1, now)
+        dots = np.flatnonzero(~profile.solid)
+        _, first = np.unique(profile.piece[dots], return_index=True)
+        self._hit(profile.points[dots[first]], DOT, now)
+        nearest = np.full(len(self._origins), np.inf)
+        group = np.minimum(profile.row // self._rows, len(nearest) - 1)
+        np.minimum.at(nearest, group, profile.depth - self.voxel)
+        self._learn_clarity(profile)
+        kernels.carve(
+            self._origins, self._directions, nearest, self.clear_range(profile.stamp_ns), self._axis,
+            self._rig.camera.centre, np.ascontiguousarray(self._rig.sheet(profile.alpha)[0]), self._rig.laser.apex,
+            rotation, position, *carving,
+        )  # fmt: skip
+        kernels.carve_to_points(rotation @ self._rig.camera.centre + position, profile.points, 10, *carving)
+        kernels.carve_to_points(rotation @ self._rig.laser.apex + position, profile.points, 10, *carving)
+        return surprising
+
+    def _hit(self, points: Floats, weight: int, now: int) -> NDArray[np.bool_]:
+        settings = self.settings
+        return kernels.hit(
+            points, np.full(len(points), weight), self.voxel, self.low, self.shape, settings.hits, now,
+            settings.free_passes,
+            round(settings.free_time * 1e3), self.layers,
+        )  # fmt: skip
+
+    def _learn_clarity(self, profile: Profile) -> None:
+        """Returns prove how far a missing stripe means free water: the faintest surface there would have been found."""
+        water = self.water
+        self._proof = [
+            (when, reach) for when, reach in self._proof if 0 <= profile.stamp_ns - when < water.believed * 1e9
+        ]
+        if len(profile.depth) < 20:
+            return
+        depth = float(np.median(profile.depth))
+        light = float(np.median(profile.intensity)) * water.darkest * depth**2
+        reach = np.arange(0.3, water.farthest + 0.05, 0.05)
+        would_show = light / reach**2 * np.exp(-2 * water.attenuation * (reach - depth))
+        enough = reach[would_show >= water.faintest]
+        self._proof.append((profile.stamp_ns, float(enough[-1]) if len(enough) else 0.0))
+
+    def clear_range(self, stamp_ns: int) -> float:
+        """Depth, m, up to which a row without a stripe is free water; 0 where nothing has proved the water clear."""
+        lately = [reach for when, reach in self._proof if 0 <= stamp_ns - when < self.water.believed * 1e9]
+        return float(np.percentile(lately, 80)) if len(lately) >= 5 else 0.0
+
+    def state(self, points: Floats) -> NDArray[np.int64]:
+        """UNKNOWN, FREE or OCCUPIED (n,) of points (n, 3), odom."""
+        index = np.floor(np.asarray(points) / self.voxel).astype(np.int64)
+        inside = ((index >= self.low) & (index < self.low + self.shape)).all(1)
+        place = tuple(np.mod(index, self.shape).T)
+        known = np.where(self.layers[0][place] != kernels.NEVER, kernels.FREE, kernels.UNKNOWN)
+        known = np.where(self.layers[3][place] >= self.settings.hits, kernels.OCCUPIED, known)
+        return np.where(inside, known, kernels.UNKNOWN)
+
+    def nearby(self, pose: Pose, horizon: float) -> Nearby:
+        """The nearest occupied and unknown voxels about the hull."""
+        found, kinds = kernels.nearest(
+            pose.position, np.ascontiguousarray(pose.rotation), self.half, horizon, self.voxel, self.low, self.shape,
+            self.settings.hits, self.assumed_free_above, self.layers,
+        )  # fmt: skip
+        return Nearby(found[:, 0], found[:, 1:4], found[:, 4:7], kinds == kernels.UNKNOWN)
+
+    def corridor(self, pose: Pose, reach: float) -> Corridor:
+        """What lies before the bow."""
+        length, age, end = kernels.ahead(
+            pose.position, np.ascontiguousarray(pose.rotation), self.half, reach, self.voxel, self.low, self.shape,
+            self.settings.hits, self.assumed_free_above, self._ms(pose.stamp_ns), self.layers,
+        )  # fmt: skip
+        names = {kernels.FREE: "nothing", kernels.OCCUPIED: "obstacle", kernels.UNKNOWN: "unseen"}
+        return Corridor(float(length), min(float(age) * 1e-3, 1e6), names[int(end)])
+
+    def assume_free(self, above: float | None) -> None:
+        """The stated prior: water is free this much above the highest mapped bottom; None: nothing is assumed."""
+        if above is None:
+            self.assumed_free_above = np.inf
+            return
+        occupied = np.asarray((self.layers[3] >= self.settings.hits).any(axis=(0, 1)))
+        numbers = np.arange(self.low[2], self.low[2] + self.shape[2])
+        heights = numbers[occupied[np.mod(numbers, self.shape[2])]]
+        self.assumed_free_above = (heights.max() + 1) * self.voxel + above if len(heights) else np.inf
+
+    def to_rig(self, points: Floats) -> Floats:
+        """Points (n, 3) in base_link, seen from the rig."""
+        return (points - self._mount.translation) @ self._turn

@@ -1,0 +1,57 @@
+"""What a newcomer reads beside the picture."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from garbi_map.view import style
+
+if TYPE_CHECKING:
+    from garbi_map.dive import Dive, Map
+    from garbi_map.log import Log
+
+
+def about_map(dive: Dive, built: Map) -> str:
+    """Markdown: what the map is worth, and what the screen shows."""
+    before, after = (1e3 * distance for distance in built.registered.disagreement)
+    seconds = (dive.log.end_ns - dive.log.begin_ns) * 1e-9
+    overlap = "No two sweeps of the laser overlap, so that nothing checks the path."
+    if np.isfinite([before, after]).all():
+        overlap = (
+            f"Where sweeps of the laser overlap they lie **{after:.2f} mm** apart; "
+            f"with the navigation sensors alone it would be {before:.1f} mm."
+        )
+    colours = "; ".join(f"*{one.name}*: {one.meaning}" for one in style.COLOURINGS)
+    things = (style.ROUTE, style.ROUTE_NAVIGATION, style.PROFILE, style.SHEET, style.STRIPE, style.POSE_SIGMA)
+    return f"""\
+**{built.seabed.area:.1f} m² of seabed in {seconds:.0f} s**, {built.registered.loops} loop closures. {overlap}
+
+An underwater vehicle swings a sheet of laser light over the seabed, and its camera sees where the light falls.
+Press play, or drag the time below: the map grows as the vehicle scans. {_legend(things)}
+
+The tabs over the map: {colours}; *Surface*: {style.MESH.meaning}.
+
+The tabs of curves: *Drift* is this path minus that of navigation alone; *Residual* is how far each sweep lies from the
+finished map, and below how near matching surfaces came to each other in each round of the estimate.
+"""
+
+
+def about_log(log: Log) -> str:
+    """Markdown: what the screen shows of a log."""
+    seconds = (log.end_ns - log.begin_ns) * 1e-9
+    topics = "\n".join(f"| {name} | {topic.count} |" for name, topic in sorted(log.topics.items()))
+    return f"""\
+**{seconds:.0f} s of recording, as it was recorded:** nothing is corrected, and the vehicle only turns and dives.
+{_legend((style.PROFILE, style.SHEET, style.STRIPE))} `garbi map` makes the seabed map of it.
+
+| topic | messages |
+| --- | --- |
+{topics}
+"""
+
+
+def _legend(things: Iterable[style.Thing]) -> str:
+    return "; ".join(f"**{thing.name}**: {thing.meaning}" for thing in things) + "."

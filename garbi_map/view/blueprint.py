@@ -1,0 +1,152 @@
+"""How the screen is laid out: the scene first, the camera and the curves beside it, words below."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from garbi_map.view import style
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from rerun.blueprint import Blueprint, EyeControls3D, View
+    from rerun.encodings import EntityPathLike
+
+SURFACE = "Surface"
+_FROM = np.array([-0.42, -0.58, 0.46])
+"""Where the first look comes from, in sizes of the scene: astern, from starboard, above."""
+_VEHICLE = 0.45
+"""m from the vehicle's centre to its outside."""
+_LATELY = 4.0
+"""s of profiles that are seen at once in a log."""
+
+
+def map_blueprint(seabed: NDArray, route: NDArray, speed: float) -> Blueprint:
+    """The layout of a map's recording.
+
+    seabed (n, 3) and route (m, 3), m: what the first look must hold; speed: how many times faster than it was recorded
+    it plays, at least 1.
+    """
+    import rerun.blueprint as rrb
+
+    eye = _first_look(seabed, route)
+    scenes = [_coloured(colouring, eye) for colouring in style.COLOURINGS]
+    hidden = [style.POINTS, style.PROFILE, style.SHEET, style.POSE_SIGMA]
+    scenes.append(_scene(SURFACE, [f"- /{thing.path}" for thing in hidden], eye, {}))
+    curves = rrb.Tabs(
+        rrb.Vertical(_plot(style.DRIFT_POSITION), _plot(style.DRIFT_ATTITUDE), name="Drift"),
+        rrb.Vertical(
+            _plot(style.MISFIT),
+            rrb.BarChartView(origin=style.ROUNDS, name="Distance of matches by round, mm", plot_legend=_no_legend()),
+            name="Residual",
+        ),
+        rrb.Vertical(_plot(style.ENCODER), _plot(style.DEPTH), _plot(style.SPEED), name="Vehicle"),
+    )
+    return _screen(rrb.Tabs(*scenes), curves, speed)
+
+
+def log_blueprint(depth: float) -> Blueprint:
+    """The layout of a log as it was recorded; depth m at which the vehicle is first seen."""
+    import rerun.blueprint as rrb
+
+    target = np.array([0.3, 0.0, -depth - 0.7])
+    eye = rrb.EyeControls3D(position=target + 3.4 * _FROM, look_target=target, eye_up=(0, 0, 1))
+    lately = rrb.VisibleTimeRange(
+        style.TIMELINE,
+        start=rrb.TimeRangeBoundary.cursor_relative(seconds=-_LATELY),
+        end=rrb.TimeRangeBoundary.cursor_relative(),
+    )
+    scene = _scene("Vehicle", [], eye, {f"/{style.PROFILE.path}": rrb.VisibleTimeRanges([lately])})
+    curves = rrb.Tabs(
+        rrb.Vertical(_plot(style.ENCODER), _plot(style.STRENGTH), name="Scanner"),
+        rrb.Vertical(_plot(style.ATTITUDE), _plot(style.DEPTH), _plot(style.VELOCITY), name="Vehicle"),
+    )
+    return _screen(rrb.Tabs(scene), curves, 1.0)
+
+
+def _screen(scene: Any, curves: Any, speed: float) -> Blueprint:
+    import rerun.blueprint as rrb
+
+    camera = rrb.Spatial2DView(origin=style.IMAGE, name="Camera, with the stripe as found", background=style.BACKGROUND)
+    words = rrb.Tabs(
+        rrb.TextDocumentView(origin=style.ABOUT, name="What is this?"),
+        rrb.TextLogView(origin=style.LOSSES, name="Left out"),
+    )
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Vertical(scene, words, row_shares=[0.74, 0.26]),
+            rrb.Vertical(camera, curves, row_shares=[0.5, 0.5]),
+            column_shares=[0.66, 0.34],
+        ),
+        rrb.TimePanel(
+            state="collapsed",
+            timeline=style.TIMELINE,
+            playback_speed=max(speed, 1.0),
+            play_state="playing",
+        ),
+        rrb.SelectionPanel(state="hidden"),
+        rrb.BlueprintPanel(state="hidden"),
+    )
+
+
+def _coloured(colouring: style.Colouring, eye: EyeControls3D) -> View:
+    import rerun as rr
+    from rerun.blueprint.encodings import ComponentSourceKind, VisualizerComponentMapping
+
+    source = VisualizerComponentMapping(
+        "Points3D:colors", ComponentSourceKind.SourceComponent, source_component=colouring.component
+    )
+    shown = [rr.Points3D.from_fields().visualizer(mappings=[source]), _until_now()]
+    hidden = [style.MESH] if colouring.name == "Uncertainty" else [style.MESH, style.POSE_SIGMA]
+    return _scene(colouring.name, [f"- /{thing.path}" for thing in hidden], eye, {f"/{style.POINTS.path}": shown})
+
+
+def _scene(name: str, without: list[str], eye: EyeControls3D, overrides: Mapping[EntityPathLike, Any]) -> View:
+    import rerun.blueprint as rrb
+
+    return rrb.Spatial3DView(
+        origin=style.WORLD,
+        name=name,
+        contents=[f"+ /{style.WORLD}/**", f"- /{style.STRIPE.path}", *without],
+        background=style.BACKGROUND,
+        line_grid=False,
+        overrides=overrides,
+        eye_controls=eye,
+    )
+
+
+def _first_look(seabed: NDArray, route: NDArray) -> EyeControls3D:
+    import rerun.blueprint as rrb
+
+    low = np.minimum(seabed.min(axis=0), route.min(axis=0) - _VEHICLE)
+    high = np.maximum(seabed.max(axis=0), route.max(axis=0) + _VEHICLE)
+    target = (low + high) / 2
+    return rrb.EyeControls3D(
+        position=target + float(np.linalg.norm(high - low)) * _FROM, look_target=target, eye_up=(0, 0, 1)
+    )
+
+
+def _plot(plot: style.Plot) -> View:
+    import rerun.blueprint as rrb
+
+    legend = rrb.PlotLegend(corner=rrb.Corner2D.LeftTop, visible=len(plot.curves) > 1)
+    return rrb.TimeSeriesView(origin=plot.path, name=plot.title, plot_legend=legend)
+
+
+def _no_legend() -> Any:
+    import rerun.blueprint as rrb
+
+    return rrb.PlotLegend(visible=False)
+
+
+def _until_now() -> Any:
+    """Everything up to the cursor is shown, not only the last."""
+    import rerun.blueprint as rrb
+
+    span = rrb.VisibleTimeRange(
+        style.TIMELINE, start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.cursor_relative()
+    )
+    return rrb.VisibleTimeRanges([span])

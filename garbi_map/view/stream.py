@@ -1,0 +1,112 @@
+"""A Rerun recording with one timeline, and how things are sent into it in bulk."""
+
+from __future__ import annotations
+
+import os
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from garbi_map.errors import GarbiError
+from garbi_map.export import written_aside
+from garbi_map.view.style import APPLICATION, TIMELINE, Plot
+
+if TYPE_CHECKING:
+    from rerun import RecordingStream
+    from rerun.blueprint import Blueprint
+
+STALLED = 5.0  # s without a byte after which the file system is taken to refuse
+
+
+def new_recording(name: str) -> RecordingStream:
+    """A recording that nobody listens to yet; stamps are its only time."""
+    os.environ.setdefault("RERUN_ANALYTICS", "0")
+    import rerun as rr
+
+    recording = rr.RecordingStream(APPLICATION, recording_id=uuid.uuid4())
+    recording.set_log_tick_enabled(False)
+    recording.set_log_time_enabled(False)
+    recording.send_recording_name(name)
+    return recording
+
+
+@contextmanager
+def recording_file(path: Path, name: str, blueprint: Blueprint) -> Iterator[RecordingStream]:
+    """A recording into a file, complete or absent. Raises GarbiError where the file system refuses."""
+    with written_aside(path) as aside:
+        aside.touch()
+        recording = new_recording(name)
+        recording.save(aside, default_blueprint=blueprint)
+        try:
+            yield recording
+        finally:
+            try:
+                _finish(recording, aside)
+            except RuntimeError as error:
+                _abandon(recording)
+                raise GarbiError(f"{path}: cannot be written: is the disk full? ({error})") from error
+            recording.disconnect()
+
+
+def _abandon(recording: RecordingStream) -> None:
+    """Leave a recording alone whose writing thread has died: disconnecting, forgetting and shutting it down all hang."""
+    import atexit
+    import ctypes
+
+    import rerun as rr
+
+    ctypes.pythonapi.Py_IncRef(ctypes.py_object(recording))  # never freed
+    atexit.unregister(rr.rerun_shutdown)
+
+
+def _finish(recording: RecordingStream, file: Path) -> None:
+    """Wait for Rerun's writing thread as long as the file grows.
+
+    Where the disk refuses, that thread ends with a message of its own, and a flush without a time limit waits for ever.
+    Raises RuntimeError.
+    """
+    size = -1
+    while True:
+        try:
+            return recording.flush(timeout_sec=STALLED)
+        except RuntimeError:
+            grown = file.stat().st_size
+            if grown == size:
+                raise
+            size = grown
+
+
+def at(stamp_ns: ArrayLike) -> list[Any]:
+    """The time column of rows at stamps (n,) int64 ns."""
+    import rerun as rr
+
+    return [rr.TimeColumn(TIMELINE, timestamp=np.asarray(stamp_ns, np.int64).astype("datetime64[ns]"))]
+
+
+def set_time(recording: RecordingStream, stamp_ns: int) -> None:
+    """What is logged from now on happened then."""
+    recording.set_time(TIMELINE, timestamp=np.datetime64(stamp_ns, "ns"))
+
+
+def name_curves(recording: RecordingStream, plot: Plot) -> None:
+    """Names and colours of a plot's curves."""
+    import rerun as rr
+
+    names, colours = zip(*plot.curves, strict=True)
+    lines = rr.SeriesLines(names=list(names), colors=[list(colour) for colour in colours], widths=[1.5] * len(names))
+    recording.log(plot.path, lines, static=True)
+
+
+def send_curves(recording: RecordingStream, plot: Plot, stamp_ns: NDArray[np.int64], values: ArrayLike) -> None:
+    """The values (n,) or (n, curves) of a plot at stamps (n,)."""
+    import rerun as rr
+
+    table = np.asarray(values, np.float64).reshape(len(stamp_ns), len(plot.curves))
+    if len(table):
+        rows = rr.Scalars.columns(scalars=table.ravel()).partition([table.shape[1]] * len(table))
+        recording.send_columns(plot.path, at(stamp_ns), rows)

@@ -1,0 +1,96 @@
+"""The one visual language of all views: what is shown, at which entity path, in which colour, under which name and unit.
+
+Depth runs from dark blue (deep) to pale (shallow) as in every other product. Orange is what we computed, grey what
+navigation alone says, green the laser itself; the axes x, y, z are red, green, blue as everywhere.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+APPLICATION = "garbi"
+TIMELINE = "stamp"
+
+Colour = tuple[int, int, int]
+
+OURS: Colour = (255, 140, 40)
+NAVIGATION: Colour = (150, 158, 170)
+LASER: Colour = (60, 240, 110)
+CAMERA: Colour = (90, 170, 250)
+HULL: Colour = (240, 190, 60)
+FRAME: Colour = (92, 100, 112)
+THRUSTER: Colour = (52, 58, 68)
+AXES: tuple[Colour, Colour, Colour] = ((235, 90, 90), (110, 200, 90), (90, 150, 250))
+BACKGROUND: Colour = (14, 20, 28)
+
+
+@dataclass(frozen=True)
+class Thing:
+    """Something that views draw: entity path, colour, what it is called and what it means to a newcomer."""
+
+    path: str
+    colour: Colour
+    name: str
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Plot:
+    """Curves that share an axis: entity path, title with the unit, name and colour of each curve."""
+
+    path: str
+    title: str
+    curves: tuple[tuple[str, Colour], ...]
+
+
+@dataclass(frozen=True)
+class Colouring:
+    """A way of colouring the growing map: its name, the component that holds the colours, and what they mean."""
+
+    name: str
+    component: str
+    meaning: str
+
+
+WORLD = "map"
+VEHICLE = "map/vehicle"
+BODY = "map/vehicle/body"
+RIG = "map/vehicle/rig"
+CAMERA_POSE = "map/vehicle/rig/camera"
+IMAGE = "map/vehicle/rig/camera/image"
+ABOUT = "about"
+LOSSES = "losses"
+ROUNDS = "curves/rounds"
+
+ROUTE = Thing("map/route/registered", OURS, "orange line", "the vehicle's path, corrected by what the laser saw twice")
+ROUTE_NAVIGATION = Thing("map/route/navigation", NAVIGATION, "grey line", "the path from the navigation sensors alone")
+POSE_SIGMA = Thing(
+    "map/route/uncertainty", OURS, "orange ellipsoids", "how sure the path is within the map, 1 sigma, 20 x larger"
+)
+PROFILE = Thing("map/vehicle/rig/profile", LASER, "green points", "the profile that the camera sees at this moment")
+SHEET = Thing("map/vehicle/rig/sheet", LASER, "green fan", "the laser's sheet of light")
+STRIPE = Thing(IMAGE + "/stripe", OURS, "orange dots in the image", "the laser line as it was found")
+MESH = Thing("map/seabed/mesh", (30, 116, 148), "surface", "the finished seabed as a mesh, dark blue is deep")
+POINTS = Thing("map/seabed/points", (30, 116, 148), "points", "the map as it grows")
+
+SIGMA_SCALE = 20.0
+"""How many times larger than 1 sigma the ellipsoids of POSE_SIGMA are drawn."""
+
+COLOURINGS = (
+    Colouring("Depth", "Points3D:colors", "dark blue is deep, pale is shallow"),
+    Colouring("Intensity", "Colouring:intensity", "how brightly the laser came back"),
+    Colouring("Uncertainty", "Colouring:uncertainty", "dark is sure, yellow is weak"),
+    Colouring("Sweep", "Colouring:sweep", "each pass of the laser in its own colour"),
+)
+
+DRIFT_POSITION = Plot("curves/drift/position", "Drift found, mm", tuple(zip("xyz", AXES, strict=True)))
+DRIFT_ATTITUDE = Plot(
+    "curves/drift/attitude", "Drift found, degrees", tuple(zip(("roll", "pitch", "yaw"), AXES, strict=True))
+)
+MISFIT = Plot("curves/misfit", "Sweep to finished map, mm", (("this map", OURS), ("navigation alone", NAVIGATION)))
+ENCODER = Plot("curves/encoder", "Laser angle, degrees", (("laser angle", LASER),))
+DEPTH = Plot("curves/depth", "Depth, m", (("depth", AXES[2]),))
+SPEED = Plot("curves/speed", "Speed, m/s", (("speed", OURS),))
+ATTITUDE = Plot("curves/attitude", "Attitude, degrees", tuple(zip(("roll", "pitch", "yaw"), AXES, strict=True)))
+VELOCITY = Plot("curves/velocity", "Velocity over ground, m/s", tuple(zip("xyz", AXES, strict=True)))
+STRENGTH = Plot("curves/stripe", "Stripe: strength of 255, rows seen in %", (("strength", LASER), ("rows seen", OURS)))

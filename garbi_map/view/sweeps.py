@@ -1,0 +1,108 @@
+"""The sweeps as they arrive: the growing map, the profiles and stripes behind it, and how well each sweep fits."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from garbi_map.view import style
+from garbi_map.view.budget import Budget
+from garbi_map.view.cloud import FinishedMap
+from garbi_map.view.images import send_stripes, style_stripe
+from garbi_map.view.stream import at, name_curves, send_curves
+from garbi_map.view.thin import runs, thinned
+from garbi_map.view.vehicle import draw_profiles
+
+if TYPE_CHECKING:
+    from rerun import RecordingStream
+
+    from garbi_map.dive import Dive, Map
+    from garbi_map.log import Mount
+    from garbi_map.navigate import Trajectory
+    from garbi_map.sweep import Sweep
+    from garbi_map.sweep.store import SweepStore
+
+_STEP_NS = 250_000_000
+"""How often the growing map gets new points."""
+
+
+def send_sweeps(
+    recording: RecordingStream,
+    dive: Dive,
+    store: SweepStore,
+    built: Map,
+    budget: Budget,
+    shown: NDArray[np.int64] | None,
+) -> None:
+    """All sweeps, one in memory at a time. shown: stamps of the images in the recording; None where it has none."""
+    import rerun as rr
+
+    recording.log(style.POINTS.path, rr.Points3D.from_fields(radii=dive.config.view.point_radius), static=True)
+    style_stripe(recording)
+    name_curves(recording, style.MISFIT)
+    finished = FinishedMap.of(built.seabed)
+    misfit = []
+    for sweep in store:
+        _send_profiles(recording, dive, sweep, budget, shown)
+        misfit.append(_send_points(recording, dive, sweep, built, budget, finished))
+    ends = np.array([entry.end_ns for entry in store.entries], np.int64)
+    send_curves(recording, style.MISFIT, ends, np.reshape(misfit, (-1, 2)))
+
+
+def _send_points(
+    recording: RecordingStream, dive: Dive, sweep: Sweep, built: Map, budget: Budget, finished: FinishedMap
+) -> tuple[float, float]:
+    """The sweep's part of the map; returns its median distance from the finished map, mm: ours, navigation's."""
+    import rerun as rr
+
+    mount = dive.navigation.mount("rig")
+    chosen = thinned(len(sweep.points), round(1.2 * budget.points_per_sweep))  # a sixth may be snow
+    points = _placed(sweep, chosen, built.registered.trajectory, mount)
+    good = finished.belongs(points, dive.config.view.outlier_band)
+    chosen, points = chosen[good], points[good]
+    if len(points) == 0:
+        return np.nan, np.nan
+    before = _placed(sweep, chosen, built.navigated.trajectory, mount)
+    stamps = sweep.stamp_ns[sweep.profile[chosen]]
+    first, lengths = runs((stamps - stamps[0]) // _STEP_NS)
+    colours = finished.colours(points, sweep.intensity[chosen], sweep.index)
+    named = {
+        one.component.partition(":")[2]: rr.components.ColorBatch(colours[one.name]) for one in style.COLOURINGS[1:]
+    }
+    rows = [
+        *rr.Points3D.columns(positions=points.astype(np.float32), colors=colours["Depth"]).partition(lengths),
+        *rr.DynamicArchetype.columns("Colouring", components=named).partition(lengths),
+    ]
+    recording.send_columns(style.POINTS.path, at(stamps[first + lengths - 1]), rows)
+    return _typical(finished.beside(points)), _typical(finished.beside(before))
+
+
+def _send_profiles(
+    recording: RecordingStream, dive: Dive, sweep: Sweep, budget: Budget, shown: NDArray[np.int64] | None
+) -> None:
+    used = np.ones(len(sweep.stamp_ns), bool) if shown is None else np.isin(sweep.stamp_ns, shown)
+    kept = np.flatnonzero(used[sweep.profile])
+    kept = kept[thinned(len(kept), budget.points_per_profile * int(used.sum()))]
+    if len(kept) == 0:
+        return
+    points, profile = sweep.points[kept], sweep.profile[kept]
+    stamps, lengths = sweep.stamp_ns[used], np.bincount(profile, minlength=len(used))[used]
+    draw_profiles(recording, dive.rig.laser.apex, stamps, points, lengths)
+    if shown is not None:
+        send_stripes(recording, stamps, dive.rig.project(points), lengths)
+
+
+def _placed(sweep: Sweep, chosen: NDArray[np.int64], trajectory: Trajectory, mount: Mount) -> NDArray[np.float64]:
+    """Chosen points (k, 3) of a sweep in `map`."""
+    poses = trajectory.at(sweep.stamp_ns).mounted(mount)
+    profile = sweep.profile[chosen]
+    turn = poses.rotation.as_matrix()[profile]
+    return np.einsum("nij,nj->ni", turn, sweep.points[chosen]) + poses.position[profile]
+
+
+def _typical(off: NDArray) -> float:
+    """Median distance, mm, of heights in m; NaN where none is known."""
+    known = np.abs(off[np.isfinite(off)])
+    return 1e3 * float(np.median(known)) if len(known) else np.nan

@@ -1,0 +1,244 @@
+"""Every factor's derivatives against finite differences of its residual, for every unknown of the motion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from garbi_map.register.drift import add_matches
+from garbi_map.register.factors import (
+    GRAVITY,
+    Acceleration,
+    Anchor,
+    AttitudeCorrection,
+    BottomTrack,
+    Calm,
+    Factor,
+    Gauge,
+    Height,
+    Position,
+)
+from garbi_map.register.motion import ACCELEROMETER_BIAS, DVL_SCALE, GYRO_BIAS, Motion, PriorAttitude
+from garbi_map.register.normal_equations import RUN
+from garbi_map.register.surfels import Surfels, match_surfels
+
+END = 3.0
+UP = np.array([0.0, 0.0, 1.0])
+RANDOM = np.random.default_rng(5)
+TIMES = np.sort(RANDOM.uniform(0.0, END, 17))
+
+
+class Rows:
+    """Takes rows as the least-squares problem does, and keeps them as a dense matrix."""
+
+    def __init__(self, size: int) -> None:
+        self.size = size
+        self.residuals: list[np.ndarray] = []
+        self.matrices: list[np.ndarray] = []
+        self.sigmas: list[np.ndarray] = []
+
+    def add(self, residual, sigma, runs, cauchy=None) -> None:
+        dense = np.zeros((len(residual), self.size))
+        for run in runs:
+            np.add.at(dense, (np.arange(len(residual))[:, None], run.start[:, None] + np.arange(RUN)), run.value)
+        self.residuals.append(residual)
+        self.matrices.append(dense)
+        self.sigmas.append(np.broadcast_to(sigma, residual.shape))
+
+    @property
+    def residual(self) -> np.ndarray:
+        return np.concatenate(self.residuals)
+
+    @property
+    def matrix(self) -> np.ndarray:
+        return np.concatenate(self.matrices)
+
+
+def some_motion(theta: float, constants: float = 0.0) -> Motion:
+    """A motion with a turning prior, random positions, and a correction and constants of the size given."""
+    random = np.random.default_rng(2)
+    t = np.linspace(0.0, END, 40)
+    prior = Rotation.from_euler("ZYX", np.stack([0.8 + 0.4 * t, 0.1 * np.sin(t), 0.2 * np.cos(t)], axis=1))
+    motion = Motion(0.0, END, PriorAttitude(t, prior.as_quat()), 0.4, 1.0)
+    motion.position_control[:] = random.normal(0.0, 0.3, motion.position_control.shape)
+    motion.attitude_control[:] = random.normal(0.0, 1.0, motion.attitude_control.shape) * theta
+    motion.constants[:8] = random.normal(0.0, 1.0, 8) * constants
+    return motion
+
+
+def by_differences(motion: Motion, residual: Callable[[], np.ndarray], h: float = 1e-6) -> np.ndarray:
+    """d residual / d unknown, (n, size), by central differences."""
+    columns = []
+    for k in range(motion.size):
+        step = np.zeros(motion.size)
+        step[k] = h
+        motion.step(step)
+        after = residual()
+        motion.step(-2 * step)
+        columns.append((after - residual()) / (2 * h))
+        motion.step(step)
+    return np.stack(columns, axis=1)
+
+
+def rows_of(factor: Factor, motion: Motion) -> Rows:
+    rows = Rows(motion.size)
+    factor.add(rows, motion)  # type: ignore[arg-type]
+    return rows
+
+
+def random_vectors(size: float) -> np.ndarray:
+    return np.random.default_rng(3).normal(0.0, size, (len(TIMES), 3))
+
+
+FACTORS = {
+    "acceleration": lambda: Acceleration(TIMES, -GRAVITY + random_vectors(0.5), random_vectors(0.1)),
+    "attitude": lambda: AttitudeCorrection(np.array([0.01, 0.01, 0.03]), 1.0, TIMES),
+    "attitude without gyro": lambda: AttitudeCorrection(np.array([0.01, 0.01, 0.03]), 1.0, None),
+    "height": lambda: Height(TIMES, random_vectors(1.0)[:, 2], np.array([0.3, -0.2, 0.5])),
+    "bottom track": lambda: BottomTrack(TIMES, random_vectors(0.2), random_vectors(0.3), np.array([-0.4, 0.2, -0.1])),
+    "position": lambda: Position(TIMES, random_vectors(1.0), 0.1),
+    "anchor": lambda: Anchor(TIMES, random_vectors(1.0), random_vectors(0.01), 1e-3, 1e-3),
+    "calm velocity": lambda: Calm(0.3, 0.1, derivative=1),
+    "calm acceleration": lambda: Calm(0.3, 0.1, derivative=2, measured=TIMES[:5]),
+    "gauge": lambda: Gauge((0, 1, 2), np.array([1.0, 2.0, 3.0]), np.full(RUN, 0.1)),
+}
+
+
+@pytest.mark.parametrize("name", FACTORS)
+def test_the_derivatives_of_a_factor_are_exact_where_nothing_is_corrected(name):
+    """At theta = 0 and nominal constants the rows are the derivative of the residual in every unknown."""
+    factor, motion = FACTORS[name](), some_motion(0.0)
+    expected = by_differences(motion, lambda: rows_of(factor, motion).residual)
+    assert np.abs(expected).max() > 0
+    assert rows_of(factor, motion).matrix == pytest.approx(expected, abs=2e-7 * max(np.abs(expected).max(), 1.0))
+
+
+@pytest.mark.parametrize("name", FACTORS)
+def test_the_derivatives_of_a_factor_hold_to_first_order_in_the_correction(name):
+    """With one degree of correction, and biases and scale in proportion, what is left out is a few per cent."""
+    factor, motion = FACTORS[name](), some_motion(0.01, 0.01)
+    expected = by_differences(motion, lambda: rows_of(factor, motion).residual)
+    assert rows_of(factor, motion).matrix == pytest.approx(expected, abs=0.03 * np.abs(expected).max())
+
+
+def placed_surfels(motion: Motion) -> tuple[np.ndarray, np.ndarray, Callable[[], np.ndarray], np.ndarray]:
+    """Forty places seen by two sweeps each, a few millimetres apart: times, sweeps, their means as the motion has them,
+    and normals."""
+    random = np.random.default_rng(9)
+    time = random.uniform(0.1, END - 0.1, 80)
+    sweep = np.repeat([0, 1], 40)
+    place = np.tile(random.uniform(-1.0, 1.0, (40, 3)) - [0.0, 0.0, 1.5], (2, 1)) + random.normal(0, 0.003, (80, 3))
+    body = motion.rotation(time).inv().apply(place - motion.position(time))
+    normal = np.tile(random.normal(0, 0.3, (40, 3)) + UP, (2, 1)) + random.normal(0, 0.02, (80, 3))
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    return time, sweep, lambda: motion.rotation(time).apply(body) + motion.position(time), normal
+
+
+def surfels_of(time: np.ndarray, sweep: np.ndarray, mean: np.ndarray, normal: np.ndarray) -> Surfels:
+    return Surfels(mean, normal, time, sweep, np.zeros(len(time)))
+
+
+def test_the_derivatives_of_matches_are_those_of_the_distance_along_the_normal():
+    """Both poses move: each row is d/dx of n . (m_i - m_j), the mean normal held, in every unknown."""
+    motion = some_motion(0.0)
+    time, sweep, means, normal = placed_surfels(motion)
+    surfels, rows = surfels_of(time, sweep, means(), normal), Rows(motion.size)
+    count, distance = add_matches(rows, motion, surfels, 0.05, np.inf, 1e-3)  # type: ignore[arg-type]
+    first, second = match_surfels(surfels, 0.05, np.inf)
+    mean_normal = normal[first] + normal[second]
+    mean_normal /= np.linalg.norm(mean_normal, axis=1, keepdims=True)
+
+    def residual() -> np.ndarray:
+        moved = means()
+        return np.einsum("nk,nk->n", mean_normal, moved[first] - moved[second])
+
+    assert count == len(first) >= 40
+    assert rows.residual == pytest.approx(residual())
+    assert distance == pytest.approx(np.median(np.abs(residual())))
+    assert rows.matrix == pytest.approx(by_differences(motion, residual), abs=1e-7)
+    lateral = np.linalg.norm(np.cross(mean_normal, surfels.mean[first] - surfels.mean[second]), axis=1)
+    assert rows.sigmas[0] == pytest.approx(np.hypot(1e-3, 0.03 * lateral), rel=1e-6)
+
+
+def test_a_settled_surfel_stays_where_it_is():
+    """Only the moving one of a pair has derivatives, and two settled ones are not matched at all."""
+    motion = some_motion(0.0)
+    time, sweep, means, normal = placed_surfels(motion)
+    everything = surfels_of(time, sweep, means(), normal)
+    moving, settled = everything.select(sweep == 0), everything.select(sweep == 1)
+    rows = Rows(motion.size)
+    count, _ = add_matches(rows, motion, moving, 0.05, np.inf, 1e-3, settled)  # type: ignore[arg-type]
+    first, second = match_surfels(everything, 0.05, np.inf)
+    mean_normal = normal[first] + normal[second]
+    mean_normal /= np.linalg.norm(mean_normal, axis=1, keepdims=True)
+    there = everything.mean[second]
+    expected = by_differences(motion, lambda: np.einsum("nk,nk->n", mean_normal, means()[first] - there))
+    assert count == len(first)
+    assert rows.matrix == pytest.approx(expected, abs=1e-7)
+    nothing = everything.select(np.zeros(len(time), bool))
+    twice = Surfels(everything.mean, everything.normal, everything.time, everything.sweep, everything.thickness)
+    assert add_matches(Rows(motion.size), motion, nothing, 0.05, np.inf, 1e-3, twice) == (0, 0.0)  # type: ignore[arg-type]
+
+
+def measured_by_a_true_motion() -> tuple[Motion, Acceleration, BottomTrack, Height, AttitudeCorrection]:
+    """What perfect sensors with a bias and a scale say of a motion; arms and levers included."""
+    motion = some_motion(0.003)
+    motion.constants[ACCELEROMETER_BIAS] = [0.05, -0.02, 0.03]
+    motion.constants[DVL_SCALE] = 0.005
+    motion.attitude_control[:] = motion.attitude_control[0]
+    inverse = motion.rotation(TIMES).inv()
+    arm, rate = random_vectors(0.1), random_vectors(0.2)
+    force = inverse.apply(motion.position(TIMES, 2) - GRAVITY) + motion.constants[ACCELEROMETER_BIAS] + arm
+    lever = np.array([-0.4, 0.2, -0.1])
+    velocity = (inverse.apply(motion.position(TIMES, 1)) + np.cross(rate, lever)) / (1 + motion.constants[DVL_SCALE])
+    height = (motion.position(TIMES) + motion.rotation(TIMES).apply(lever))[:, 2]
+    return (
+        motion,
+        Acceleration(TIMES, force, arm),
+        BottomTrack(TIMES, velocity, rate, lever),
+        Height(TIMES, height, lever),
+        AttitudeCorrection(np.full(3, 0.1), 1.0, TIMES),
+    )
+
+
+def test_the_residual_of_a_perfect_sensor_is_zero():
+    """Gravity, levers, bias and scale are where the sensors' definitions have them."""
+    motion, acceleration, bottom_track, height, _ = measured_by_a_true_motion()
+    for factor in (acceleration, bottom_track, height):
+        assert np.abs(rows_of(factor, motion).residual).max() < 1e-9, type(factor).__name__
+
+
+def test_a_constant_gyro_bias_is_a_correction_that_grows():
+    """theta' = -R b: the rate's residual vanishes for a level vehicle whose correction undoes its bias."""
+    motion = Motion(0.0, END, PriorAttitude(np.array([0.0]), np.array([[0.0, 0.0, 0.0, 1.0]])), 0.4, 1.0)
+    motion.constants[GYRO_BIAS] = [0.0, 0.0, 1e-3]
+    knots = np.arange(len(motion.attitude_control)) * motion.attitude_spline.spacing
+    motion.attitude_control[:, 2] = -1e-3 * knots
+    rows = rows_of(AttitudeCorrection(np.full(3, 0.1), 1.0, TIMES), motion)
+    rates = np.concatenate(rows.residuals[1::2])
+    assert np.abs(rates).max() < 1e-12
+
+
+def test_sigmas_are_taken_from_residuals_within_bounds():
+    """A sensor twice as noisy says so; one that is perfect is not believed beyond its floor."""
+    motion, acceleration, bottom_track, height, attitude = measured_by_a_true_motion()
+    for factor, floor in ((acceleration, 0.005), (bottom_track, 0.002), (height, 0.001)):
+        factor.reestimate(motion)
+        assert factor.sigma == floor
+    noisy = Height(np.repeat(TIMES, 400), np.repeat(height.height, 400), height.lever)
+    noisy.height = noisy.height + np.random.default_rng(0).normal(0.0, 0.03, len(noisy.height))
+    noisy.reestimate(motion)
+    assert noisy.sigma == pytest.approx(0.03, rel=0.05)
+    attitude.reestimate(motion)
+    assert np.deg2rad(0.02) <= attitude.sigma <= np.deg2rad(0.3)
+
+
+def test_where_a_sensor_measures_nothing_is_presumed():
+    """Calm speaks only in the silences: here in the last second of three."""
+    motion = some_motion(0.0)
+    calm = Calm(0.2, 0.1, derivative=2, measured=np.arange(0.0, 2.0, 0.05))
+    assert len(rows_of(calm, motion).residual) // 3 == pytest.approx(5, abs=1)
+    assert len(rows_of(Calm(0.2, 0.1, derivative=2), motion).residual) // 3 == pytest.approx(16, abs=1)

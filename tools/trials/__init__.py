@@ -1,0 +1,1 @@
+"""Closed-loop trials of the behaviours on the dive simulator."""
