@@ -40,7 +40,7 @@ Row = tuple[str, str, str]  # what, target, measured
 RANGES = (1.0, 1.5, 2.0)
 BOARD = "kind: checkerboard\ninner_corners: [13, 9]\nsquare: 0.05\nborder: 0.04\n"
 CENTRE = (0.3, 0.2)
-ALPHAS = (0.05, 0.62)
+DRY, WET = (-0.02, 0.68), (-0.3, 0.75)  # rad, of the sweeps: the whole image at 1 m; a fixed window bends the sheet
 
 
 def linear_exact() -> Iterable[Row]:
@@ -132,7 +132,9 @@ def rendered(folder: Path, rig: Rig, name: str, nominal: bool, views: int, plane
     run.camera([images], folder / "target.yaml", camera, start)
     poses = poses_before([0.9, 0.95, 1.8, 1.9], rng, tilt=0.3, centre=CENTRE)
     log = folder / f"{name}.mcap"
-    write_sweeps(log, booth, [(poses.rotation[i], poses.translation[i]) for i in range(4)], ALPHAS, 40, 1)
+    write_sweeps(
+        log, booth, [(poses.rotation[i], poses.translation[i]) for i in range(4)], WET if nominal else DRY, 48, 1
+    )
     known, config, settings = read_known(camera), Config(), CalibrateSettings()
     board = load_target(folder / "target.yaml")
     sweeps = sweeps_of(open_log([log]), known.camera, board, settings, config.stripe, config.sweep, None)
