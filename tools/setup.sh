@@ -20,18 +20,20 @@ need libGL.so.1 libgl1
 need libX11.so.6 libx11-6
 need libgomp.so.1 libgomp1
 "$python" -c 'import ensurepip' 2>/dev/null || missing="$missing python3-venv"
-# the viewer's pictures without a screen; the tests that look at pictures skip where this is not to be had
+needed=$missing
+# pictures without a screen; the tests that look at pictures skip where this is not to be had
 need libvulkan_lvp.so mesa-vulkan-drivers
 need libxkbcommon-x11.so.0 libxkbcommon-x11-0
 
-if [ -n "$missing" ]; then
-    install="apt-get update && apt-get install -y --no-install-recommends$missing"
-    if [ "$(id -u)" -eq 0 ]; then as_root=""; elif sudo -n true 2>/dev/null; then as_root="sudo"; else as_root=none; fi
-    if [ "$as_root" = none ] || ! command -v apt-get >/dev/null; then
-        say "system packages are missing and cannot be installed from here; run this once, then make again:"
-        say "    sudo sh -c '$install'"
-        exit 1
-    fi
+if [ "$(id -u)" -eq 0 ]; then as_root=""; elif sudo -n true 2>/dev/null; then as_root="sudo"; else as_root=none; fi
+command -v apt-get >/dev/null || as_root=none
+install="apt-get update && apt-get install -y --no-install-recommends$missing"
+if [ -n "$needed" ] && [ "$as_root" = none ]; then
+    say "system packages are missing and cannot be installed from here; run this once, then make again:"
+    say "    sudo sh -c '$install'"
+    exit 1
+fi
+if [ -n "$missing" ] && [ "$as_root" != none ]; then
     say "installing$missing"
     DEBIAN_FRONTEND=noninteractive $as_root sh -c "$install" >/dev/null ||
         { say "apt-get failed; run: $install"; exit 1; }
