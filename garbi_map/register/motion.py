@@ -19,7 +19,6 @@ Floats = NDArray[np.float64]
 ACCELEROMETER_BIAS = slice(0, 3)
 GYRO_BIAS = slice(3, 6)
 DVL_SCALE = 6
-ENCODER_LATENCY = 7
 
 
 @dataclass(frozen=True)
@@ -44,7 +43,7 @@ class Motion:
     """p(t) and R(t) = exp(theta(t)) R_prior(t), map <- base_link, over [begin, end] seconds, and twelve constants.
 
     Unknowns in order: the position's control points, the attitude's, the constants (accelerometer bias m/s^2, gyro bias
-    rad/s, DVL scale, encoder latency s; the rest unused).
+    rad/s, DVL scale; the rest unused).
     """
 
     def __init__(self, begin: float, end: float, prior: PriorAttitude, position_knots: float, attitude_knots: float):
@@ -101,7 +100,6 @@ class Motion:
             "accelerometer_bias": ACCELEROMETER_BIAS,
             "gyro_bias": GYRO_BIAS,
             "dvl_scale": DVL_SCALE,
-            "encoder_latency": ENCODER_LATENCY,
         }
         for name, value in values.items():
             run[:, places[name]] = value
