@@ -26,6 +26,7 @@ from garbi_map.register.settings import DriftSettings
 from garbi_map.register.surfels import Surfels, extract_surfels, join, match_surfels
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 _REACH = (0.6, 0.6, 0.9, 1.3, 1.3, 2.0, 2.0, 3.0, 4.5, 7.0, 10.0, 10.0, 20.0, 40.0, 80.0) + (np.inf,) * 8
 """Longest time between matched surfels in each round, s."""
@@ -117,9 +118,12 @@ def estimate_drift(
         if k < _RESTRAINED:
             restraint.add(problem, motion)
         matches, distance = 0, 0.0
-        for fraction in _FINE if k >= count - 4 else (1.0,):
+        fractions = _FINE if k >= count - 4 else (1.0,)
+        for fraction in fractions:
             surfels = scans.surfels(motion, sizes[k] * fraction, settings.surfel_points)
-            found, distance = add_matches(problem, motion, surfels, gates[k], _REACH[k], sigmas[k], elsewhere, normals)
+            found, distance = add_matches(
+                problem, motion, surfels, gates[k], _REACH[k], sigmas[k], elsewhere, normals, looks=len(fractions)
+            )
             matches += found
         return problem, matches, distance
 
@@ -144,10 +148,12 @@ def add_matches(
     sigma: float,
     settled: Surfels | None = None,
     normals: Normals = summed_normals,
+    looks: int = 1,
 ) -> tuple[int, float]:
     """Adds n . (m_i - m_j) = 0 for matched surfels; returns their number and median distance, m.
 
-    Both poses are unknown, but for a settled surfel's, which stays where it is.
+    Both poses are unknown, but for a settled surfel's, which stays where it is. looks: how often the same points are matched,
+    as surfels of several sizes.
     """
     moving = len(surfels.mean)
     if settled is not None:
@@ -169,5 +175,13 @@ def add_matches(
         arm = surfels.mean[index] - motion.position(t)
         runs.append(motion.position_run(t, axes))
         runs.append(motion.attitude_run(t, np.cross(arm, axes)))
-    problem.add(residual, np.hypot(sigma, _LATERAL * lateral), runs, cauchy=2.0)
+    sigma = np.hypot(sigma, _LATERAL * lateral) * np.sqrt(looks * _repetition(first, second))
+    problem.add(residual, sigma, runs, cauchy=2.0)
     return len(first), float(np.median(np.abs(residual)))
+
+
+def _repetition(first: Ints, second: Ints) -> Floats:
+    """How many times over (m,) each match says what others say: N views of a place make N (N - 1) / 2 matches, N - 1 of
+    them independent, and the sum over all of them is N / 2 times the squares about the mean of the views."""
+    partners = np.bincount(np.concatenate([first, second]))
+    return 0.5 + 0.25 * (partners[first] + partners[second])
