@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from garbi_map.stripe.kernels import CANDIDATES, HEIGHT
+from garbi_map.stripe.kernels import CANDIDATES, HEIGHT, refine
 
 _GAP = 3
 """Rows that may be missing inside a piece."""
@@ -15,6 +15,26 @@ WATER_RATE, NOISE_RATE = 0.01, 0.05
 """Share of a row in the running means of the water's pull and of the noise."""
 _JUMP = 4.5
 """Rows of stripe that a jump is worth: a piece between two jumps that is shorter than both is a particle."""
+
+
+@njit(cache=True, nogil=True)
+def measure(  # type: ignore[no-untyped-def]
+    image, channel, place, kernels, gains, spread, least, floor, largest_step, least_run, doubt
+):
+    """The candidates of `search` refined, the stripe chosen among them and freed of the water's pull.
+
+    kernels: slope, curvature, water and rest, gains: those of slope and water, of Templates. Returns u, sigma, gain,
+    clipped (h, 3) and chosen (h,), see Candidates.
+    """
+    shape = place.shape
+    u, gain, pull, noise, sigma = np.zeros(shape), np.zeros(shape), np.zeros(shape), np.zeros(shape), np.zeros(shape)
+    clipped = np.zeros(shape, np.bool_)
+    chosen = np.empty(shape[0], np.int64)
+    slope, curvature, water, rest = kernels
+    refine(image, channel, place, slope, curvature, water, rest, spread, least, u, gain, pull, noise, clipped)
+    choose(u, gain, largest_step, least_run, chosen)
+    correct(u, gain, pull, noise, chosen, floor, gains[0], gains[1], doubt, sigma)
+    return u, sigma, gain, clipped, chosen
 
 
 @njit(cache=True, nogil=True)

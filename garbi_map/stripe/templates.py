@@ -38,6 +38,16 @@ class Templates:
     slope_gain: float
     water_gain: float
 
+    @property
+    def tables(self) -> tuple[NDArray[np.float32], ...]:
+        """slope, curvature, water, rest: as the compiled loops take them."""
+        return self.slope, self.curvature, self.water, self.rest
+
+    @property
+    def gains(self) -> tuple[float, float]:
+        """Those of slope and water."""
+        return self.slope_gain, self.water_gain
+
 
 @lru_cache(maxsize=256)
 def templates(spread: float) -> Templates:
