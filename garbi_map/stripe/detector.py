@@ -17,7 +17,7 @@ from garbi_map.stripe.templates import templates
 from garbi_map.stripe.types import Stripe
 
 _CHANNELS = {"blue": 0, "green": 1, "red": 2, "mono": 0}
-_DOUBT = 0.12
+_DOUBT = 0.1
 """Share of the water's pull that stays unknown, as its end at the stripe may be softer or sharper than assumed."""
 _SPREADS = (0.7, 12.0)
 """Narrowest and widest stripe, 1 sigma, px."""

@@ -1,4 +1,4 @@
-"""Compiled loops over the pixels of an image: where each row may have the stripe, to a fraction of a pixel."""
+"""Compiled loops over the pixels of an image: where each row may have the stripe, its width and the noise."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def find_candidates(image, channel, table, bits, first, last, threshold, place, 
         begin, end = max(int(low) // BLOCK - 1, 0), min(int(high) // BLOCK + 2, count)
         near, far = max(begin - _PAD, 0), min(end + _PAD, count)
         if depth == 3:
-            _copy_third(flat, 3 * (r * columns + BLOCK * near) + channel, line, BLOCK * (far - near))
+            copy_third(flat, 3 * (r * columns + BLOCK * near) + channel, line, BLOCK * (far - near))
         else:
             _copy(flat, r * columns + BLOCK * near, line, BLOCK * (far - near))
         _sum_blocks(line, total, _PAD + near, far - near)
@@ -110,7 +110,7 @@ def find_candidates(image, channel, table, bits, first, last, threshold, place, 
 
 
 @njit(cache=True, nogil=True)
-def _copy_third(source, begin, line, count):  # type: ignore[no-untyped-def]
+def copy_third(source, begin, line, count):  # type: ignore[no-untyped-def]
     for c in range(count):
         line[np.uintp(c)] = source[np.uintp(begin + 3 * c)]
 
@@ -270,80 +270,6 @@ def _compare_scales(image, channel, place, start, step, found):  # type: ignore[
                 found[n] = start * np.sqrt((2.25 * share - 1.0) / (1.0 - share))
                 n += 1
     return np.median(found[:n]) if n >= 4 else start
-
-
-@njit(cache=True, nogil=True)
-def refine(image, channel, place, slope, curvature, water, rest, spread, least, u, gain, pull, noise, clipped):  # type: ignore[no-untyped-def]
-    """Each candidate's column u (h, 3), where its correlation with `slope` is zero, NaN where it is not `least` high.
-
-    The tables are those of Templates. gain (h, 3): grey levels by which the correlation changes per px; pull (h, 3):
-    what the water adds to the correlation; noise (h, 3): response of `rest`; clipped (h, 3) bool.
-    """
-    rows, columns, depth = image.shape
-    flat = image.reshape(-1)
-    phases, taps = slope.shape
-    reach = taps // 2 - 1
-    wide = water.shape[1]
-    wing = (wide - taps) // 2
-    row = np.empty(wide + 16, np.float32)
-    for r in range(rows):
-        for k in range(CANDIDATES):
-            u[r, k] = np.nan
-            if not place[r, k] >= 0.0:
-                continue
-            x = place[r, k]
-            base = int(x)
-            origin = base - reach - wing - 8
-            if depth == 3 and origin >= 0 and origin + wide + 16 <= columns:
-                _copy_third(flat, 3 * (r * columns + origin) + channel, row, wide + 16)
-            else:
-                for j in range(wide + 16):
-                    row[j] = image[r, min(max(origin + j, 0), columns - 1), channel]
-            found = False
-            phase = 0
-            bend = np.float32(1.0)
-            at = 0
-            for _ in range(8):
-                base = int(x)
-                phase = int((x - base) * phases + 0.5)
-                if phase == phases:
-                    base += 1
-                    phase = 0
-                at = base - reach - origin
-                if at - wing < 0 or at + taps + wing > wide + 16:
-                    break
-                if base - reach // 2 < 0 or base + reach // 2 >= columns:
-                    break
-                tilt = _dot(slope, phase, row, at)
-                bend = _dot(curvature, phase, row, at)
-                if bend <= 0.0:
-                    break
-                step = spread * tilt / bend
-                start = base + phase / phases
-                if abs(step) < 0.75 / phases:
-                    x = start + step
-                    found = True
-                    break
-                x = start + min(max(step, -1.0), 1.0)
-            if not found or not 0.0 <= x <= columns - 1.0:
-                continue
-            gain[r, k] = bend / spread
-            if gain[r, k] * HEIGHT < least:
-                continue
-            top = max(row[at + reach], row[at + reach + 1])
-            u[r, k] = x
-            whole = base - reach - wing >= 0 and base + reach + wing + 1 < columns
-            pull[r, k] = _dot(water, phase, row, at - wing) if whole else np.nan
-            noise[r, k] = _dot(rest, phase, row, at)
-            clipped[r, k] = top >= CLIPPED
-
-
-@njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})
-def _dot(kernel, phase, line, begin):  # type: ignore[no-untyped-def]
-    total = np.float32(0.0)
-    for j in range(kernel.shape[1]):
-        total += kernel[np.uintp(phase), np.uintp(j)] * line[np.uintp(begin + j)]
-    return total
 
 
 @njit(cache=True, nogil=True)

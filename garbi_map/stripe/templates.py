@@ -101,7 +101,7 @@ def _basis(profiles: NDArray, worth: float) -> NDArray[np.float64]:
 def _background(t: NDArray, spread: float) -> NDArray[np.float64]:
     """What the water can look like at distances t (n,) px from the stripe: (m, n)."""
     edges = [ndtr(-t / (spread * softness)) for softness in (0.7, 0.85, 1.0, 1.2)]
-    edges.append(expit(-t / (0.85 * spread)))
+    edges += [expit(-t / (spread * softness)) for softness in (0.6, 0.75, 0.9, 1.05)]
     decays = [np.exp(-np.abs(t) / length) for length in (12.0, 25.0, 60.0)]
     left = [edge * decay for edge in edges for decay in decays]
     right = [(1.0 - edge) * decay for edge in edges for decay in decays]
