@@ -71,9 +71,9 @@ def refine(image, channel, place, slope, curvature, water, rest, spread, least, 
 
 
 @njit(cache=True, nogil=True)
-def measure_again(image, channel, chosen, slope, curvature, water, spread, u, gain, pull):  # type: ignore[no-untyped-def]
-    """gain and pull of the chosen candidates about their columns u (h, 3), from which the water's pull was taken off;
-    u becomes where the correlation with `slope` would be zero if it went on as it does there."""
+def measure_again(image, channel, chosen, slope, curvature, water, spread, off, u, gain, pull):  # type: ignore[no-untyped-def]
+    """gain and pull of the chosen candidates about their columns u (h, 3), from which the water's pull off (h,) px was
+    taken; u becomes where the correlation with `slope` would be zero if it went on as it does there, or as it was."""
     columns = image.shape[1]
     flat = image.reshape(-1)
     phases, taps = slope.shape
@@ -91,11 +91,13 @@ def measure_again(image, channel, chosen, slope, curvature, water, spread, u, ga
             phase = 0
         origin = base - reach - wing
         if not 0 <= origin <= columns - len(row):
+            u[r, k] += off[r]
             pull[r, k] = np.nan
             continue
         _copy_row(image, flat, r, channel, origin, row)
         bend = _dot(curvature, phase, row, wing) / spread
         if bend < 0.5 * gain[r, k]:
+            u[r, k] += off[r]
             pull[r, k] = np.nan
             continue
         gain[r, k] = bend

@@ -42,7 +42,7 @@ def measure(  # type: ignore[no-untyped-def]
     off = water_pull(gain, pull, noise, chosen, floor, gains[1])
     take_off(u, chosen, off)
     if np.abs(off).max() > _NEAR:
-        measure_again(image, channel, chosen, slope, curvature, water, spread, u, gain, pull)
+        measure_again(image, channel, chosen, slope, curvature, water, spread, off, u, gain, pull)
         off = water_pull(gain, pull, noise, chosen, floor, gains[1])
         take_off(u, chosen, off)
     state_sigma(u, gain, noise, chosen, floor, gains[0], gains[1], spread, doubt * off, sigma)
