@@ -105,7 +105,7 @@ def measure_again(image, channel, chosen, slope, curvature, water, spread, off, 
         pull[r, k] = _dot(water, phase, row, 0)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _copy_row(image, flat, r, channel, origin, row):  # type: ignore[no-untyped-def]
     """The laser's channel of row r from column `origin` on; beyond the image as at its edge."""
     columns, depth = image.shape[1], image.shape[2]
