@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from garbi_map.navigate.kernels import place_points
 from garbi_map.register.factors import Calm, Factor
-from garbi_map.register.motion import Motion
+from garbi_map.register.motion import Motion, Rows
 from garbi_map.register.normal_equations import NormalEquations
 from garbi_map.register.normals import Normals, common_normals, summed_normals
 from garbi_map.register.settings import DriftSettings
@@ -162,12 +162,13 @@ def add_matches(
     between = surfels.mean[first] - surfels.mean[second]
     residual = np.einsum("nk,nk->n", normal, between)
     lateral = np.sqrt(np.maximum(np.einsum("nk,nk->n", between, between) - residual**2, 0.0))
-    runs = []
-    for index, sign in ((first, 1.0), (second, -1.0)):
+
+    def rows(index: NDArray[np.int64], sign: float) -> Rows:
         t = np.clip(surfels.time[index], motion.begin, motion.end)
         axes = np.where((index < moving)[:, None], sign * normal, 0.0)
         arm = surfels.mean[index] - motion.position(t)
-        runs.append(motion.position_run(t, axes))
-        runs.append(motion.attitude_run(t, np.cross(arm, axes)))
-    problem.add(residual, np.hypot(sigma, _LATERAL * lateral), runs, cauchy=2.0)
+        return motion.rows(t).position(axes).rotation(np.cross(arm, axes))
+
+    both = rows(first, 1.0) + rows(second, -1.0)
+    problem.add(residual, np.hypot(sigma, _LATERAL * lateral), both.runs, 2.0, both.tail)
     return len(first), float(np.median(np.abs(residual)))

@@ -16,7 +16,6 @@ from garbi_map.navigate import NavigationResult, Trajectory
 from garbi_map.navigate.settings import NavigateSettings
 from garbi_map.register.drift import Round
 from garbi_map.register.front_end import close_loops, scan_to_map
-from garbi_map.register.motion import DVL_SCALE
 from garbi_map.register.pose_graph import optimise
 from garbi_map.register.sensors import Sensors
 from garbi_map.register.settings import RegisterSettings
@@ -151,10 +150,10 @@ def _trajectory(path: Path, covariance: Floats, epoch_ns: int, stamps: NDArray[n
 
 
 def _constants(solution: Solution) -> dict[str, Any]:
-    mean = np.mean(solution.constants, axis=0)
+    c = solution.constants[-1]
     return {
-        "accelerometer_bias_m_s2": mean[:3].tolist(),
-        "gyro_bias_change_rad_s": mean[3:6].tolist(),
-        "dvl_scale": float(mean[DVL_SCALE]),
+        "accelerometer_bias_m_s2": c.vector("accelerometer_bias").tolist(),
+        "gyro_bias_change_rad_s": c.vector("gyro_bias").tolist(),
+        "dvl_scale": c.number("dvl_scale"),
         "sigma": solution.sigmas[-1],
     }

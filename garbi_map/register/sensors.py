@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from garbi_map.log.records import Navigation, Stamps
 from garbi_map.navigate import GyroAttitude, Inertial, Trajectory
 from garbi_map.navigate.settings import NavigateSettings
+from garbi_map.register.constants import Constant
 from garbi_map.register.factors import (
     Acceleration,
     AttitudeCorrection,
@@ -19,6 +20,7 @@ from garbi_map.register.factors import (
     Factor,
     Gauge,
     Height,
+    Nominal,
     Position,
 )
 from garbi_map.register.motion import PriorAttitude
@@ -26,6 +28,8 @@ from garbi_map.register.settings import DriftSettings
 
 Floats = NDArray[np.float64]
 
+CLOCK_SIGMA = 0.025
+"""s; clocks that nothing synchronises differ by tens of milliseconds."""
 _BIN = 0.04
 """Accelerations are averaged over this many seconds: shorter than the position's knots, longer than the sensor's noise."""
 _UNKNOWN_ACCELERATION = 0.08
@@ -38,7 +42,8 @@ _UNKNOWN_SPEED = 5.0
 class Sensors:
     """Everything that is known of the motion besides the sweeps; times are seconds after `epoch_ns`.
 
-    trajectory: the navigation filter's; inertial and gyro: None where the log has no IMU.
+    trajectory: the navigation filter's; inertial and gyro: None where the log has no IMU; clocks: whether the sensors'
+    clocks are unknown against the camera's.
     """
 
     log: Navigation
@@ -47,6 +52,7 @@ class Sensors:
     gyro: GyroAttitude | None
     navigate: NavigateSettings
     epoch_ns: int
+    clocks: bool = False
 
     def seconds(self, stamp_ns: Stamps) -> Floats:
         """Times (n,) s of stamps (n,)."""
@@ -89,14 +95,22 @@ class Sensors:
         if bottom_track is not None:
             out.append(bottom_track)
         out.extend(self._positions(begin, end))
-        out.append(Gauge(axes if start is not None else (), np.zeros(3) if start is None else start, self._constants()))
+        out.append(Gauge(axes if start is not None else (), np.zeros(3) if start is None else start))
+        out.append(Nominal())
         return out
 
-    def _constants(self) -> Floats:
-        gyro_bias = 0.01
+    def constants(self) -> list[Constant]:
+        """What is unknown of the sensors that there are, clocks included where they are asked for."""
+        out = []
         if self.gyro is not None:
-            gyro_bias = float(np.clip(3.0 * self.gyro.bias_sigma.max(), 5e-4, 0.01))
-        return np.array([0.1, 0.1, 0.1, gyro_bias, gyro_bias, gyro_bias, 0.02, 1e-6, 1.0, 1.0, 1.0, 1.0])
+            bias = float(np.clip(3.0 * self.gyro.bias_sigma.max(), 5e-4, 0.01))
+            out += [Constant("accelerometer_bias", 0.1, "m/s^2", 3), Constant("gyro_bias", bias, "rad/s", 3)]
+        if self.log.dvl is not None or self.log.odometry is not None:
+            out.append(Constant("dvl_scale", 0.02, "1"))
+        if self.clocks:
+            there = {"imu": self.gyro, "dvl": self.log.dvl, "pressure": self.log.pressure}
+            out += [Constant(f"{name}_clock", CLOCK_SIGMA, "s") for name, record in there.items() if record is not None]
+        return out
 
     def _attitude(self, settings: DriftSettings) -> AttitudeCorrection:
         spacing = self.attitude_knots(settings)
@@ -158,7 +172,7 @@ class Sensors:
                 return None
             mount = self.log.mount("dvl_link")
             velocity = Rotation.from_quat(mount.quaternion).apply(dvl.velocity[here])
-            return BottomTrack(time[here], velocity, self._rates(time[here]), mount.translation)
+            return BottomTrack(time[here], velocity, mount.translation)
         if odometry is not None:
             time = self.seconds(self.trajectory.stamp_ns)
             here = (time >= begin) & (time <= end)
@@ -166,15 +180,8 @@ class Sensors:
                 return None
             velocity = np.gradient(self.trajectory.position[here], time[here], axis=0)
             turned = self.trajectory.rotation[here].inv().apply(velocity)
-            return BottomTrack(time[here], turned, np.zeros_like(turned), np.zeros(3))
+            return BottomTrack(time[here], turned, np.zeros(3))
         return None
-
-    def _rates(self, t: Floats) -> Floats:
-        if self.inertial is None:
-            return np.zeros((len(t), 3))
-        time = self.seconds(self.inertial.stamp_ns)
-        bias = 0.0 if self.gyro is None else self.gyro.bias
-        return np.stack([np.interp(t, time, column) for column in self.inertial.rate.T], axis=1) - bias
 
     def _positions(self, begin: float, end: float) -> list[Factor]:
         """Absolute fixes and odometry, through the filter's smoothed trajectory, once a second."""

@@ -137,7 +137,8 @@ def _solve(
     for number, (begin, end) in enumerate(windows):
         progress(f"window {number + 1} of {len(windows)}")
         scans = load_scans(store, mount, sensors, begin, end, settings.window_points)
-        motion = Motion(begin, end, sensors.prior_attitude, settings.position_knots, sensors.attitude_knots(settings))
+        knots = settings.position_knots, sensors.attitude_knots(settings)
+        motion = Motion(begin, end, sensors.prior_attitude, *knots, sensors.constants())
         if start is not None:
             t = motion.instants(_OUTPUT_STEP)
             motion.fit(t, *start.at(t))
@@ -163,7 +164,7 @@ def _solve(
             solution.path = _blend(solution.path, path)
             solution.surfels = join(solution.surfels.without(np.unique(surfels.sweep)), surfels)
         solution.rounds.append(rounds)
-        solution.constants.append(motion.constants.copy())
+        solution.constants.append(motion.constants)
         solution.sigmas.append({type(factor).__name__: factor.sigma for factor in factors})
     assert solution is not None
     return solution
@@ -181,9 +182,8 @@ def _anchor(path: Path, motion: Motion) -> Anchor | None:
     if len(t) == 0:
         return None
     position, rotation = path.at(t)
-    theta = (rotation * motion.prior.at(t).inv()).as_rotvec()
     shared = np.sqrt(max(len(t) / 4.0, 1.0))
-    return Anchor(t, position, theta, 5e-4 * shared, 2e-4 * shared)
+    return Anchor(t, position, rotation, 5e-4 * shared, 2e-4 * shared)
 
 
 def _sample(motion: Motion, problem: NormalEquations) -> Path:
