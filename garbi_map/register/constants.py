@@ -49,3 +49,25 @@ class Constants:
     def number(self, name: str) -> float:
         """The value of a constant that is one number."""
         return float(self.vector(name, 1)[0])
+
+
+@dataclass(frozen=True)
+class Learnt:
+    """What a dive says of a constant: value and 1 sigma (width,), and the prior's sigma, in `unit`."""
+
+    value: Floats
+    sigma: Floats
+    prior: float
+    unit: str
+
+
+def learnt(windows: Sequence[tuple[Constants, Floats]]) -> dict[str, Learnt]:
+    """What windows of one dive say of its constants, from their values and covariances: the mean by information."""
+    out = {}
+    for one in windows[0][0].declared:
+        parts = [(constants.place(one.name), constants, covariance) for constants, covariance in windows]
+        values = np.array([constants.value[place] for place, constants, _ in parts])
+        information = np.array([1.0 / np.diag(covariance)[place] for place, _, covariance in parts])
+        total = information.sum(axis=0)
+        out[one.name] = Learnt((information * values).sum(axis=0) / total, 1.0 / np.sqrt(total), one.sigma, one.unit)
+    return out

@@ -165,7 +165,9 @@ class BottomTrack:
 
     The scale stands with the motion: on the noisy velocities it would be drawn toward what makes them small (regression
     dilution: Fuller, Measurement Error Models, 1987), by a per cent where a vehicle is slow. The rates w are the motion's
-    own, so that the lever counts without a gyro too. time (n,) s by the clock `dvl_clock`, velocity (n, 3) m/s, lever (3,) m.
+    own, so that the lever counts without a gyro too.
+
+    time (n,) s by the clock `dvl_clock`, velocity (n, 3) m/s, lever (3,) m, both in base_link axes.
     """
 
     def __init__(self, time: Floats, velocity: Floats, lever: Floats) -> None:

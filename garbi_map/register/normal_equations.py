@@ -78,9 +78,7 @@ class NormalEquations:
         self._factored = None
         return weight
 
-    def _add_tail(
-        self, start: NDArray[np.int64], value: Floats, residual: Floats, weight: Floats, tail: Tail
-    ) -> None:
+    def _add_tail(self, start: NDArray[np.int64], value: Floats, residual: Floats, weight: Floats, tail: Tail) -> None:
         """The tail with itself and with the runs, on both sides of the diagonal."""
         weighted = tail.value * weight[:, None]
         crossed = np.zeros((len(self.vector), len(tail.columns)))

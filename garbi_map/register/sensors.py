@@ -24,6 +24,7 @@ from garbi_map.register.factors import (
     Position,
 )
 from garbi_map.register.motion import PriorAttitude
+from garbi_map.register.scanner import Changes, Scanner
 from garbi_map.register.settings import DriftSettings
 
 Floats = NDArray[np.float64]
@@ -42,8 +43,8 @@ _UNKNOWN_SPEED = 5.0
 class Sensors:
     """Everything that is known of the motion besides the sweeps; times are seconds after `epoch_ns`.
 
-    trajectory: the navigation filter's; inertial and gyro: None where the log has no IMU; clocks: whether the sensors'
-    clocks are unknown against the camera's.
+    trajectory: the navigation filter's; inertial and gyro: None where the log has no IMU; scanner: None where nothing is
+    known of it; clocks: whether the clocks of sensors and encoder are unknown against the camera's.
     """
 
     log: Navigation
@@ -52,6 +53,7 @@ class Sensors:
     gyro: GyroAttitude | None
     navigate: NavigateSettings
     epoch_ns: int
+    scanner: Scanner | None = None
     clocks: bool = False
 
     def seconds(self, stamp_ns: Stamps) -> Floats:
@@ -110,7 +112,16 @@ class Sensors:
         if self.clocks:
             there = {"imu": self.gyro, "dvl": self.log.dvl, "pressure": self.log.pressure}
             out += [Constant(f"{name}_clock", CLOCK_SIGMA, "s") for name, record in there.items() if record is not None]
+            out += self.scanner.constants() if self.scanner is not None else []
         return out
+
+    @property
+    def changes(self) -> Changes | None:
+        """What the unknown constants of the scanner do to its points."""
+        scanner = self.scanner
+        if scanner is None or not self.clocks or not scanner.constants():
+            return None
+        return lambda points, t: scanner.changes(points, self.epoch_ns + np.round(t * 1e9).astype(np.int64))
 
     def _attitude(self, settings: DriftSettings) -> AttitudeCorrection:
         spacing = self.attitude_knots(settings)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from garbi_map.log.records import Mount
+from garbi_map.register.constants import Constants
 from garbi_map.register.covariance import pose_covariances
 from garbi_map.register.drift import Round, Scans, estimate_drift
 from garbi_map.register.factors import Anchor, Factor
@@ -52,12 +53,13 @@ class Path:
 
 @dataclass
 class Solution:
-    """The path, the surfels of every sweep placed by it, and how each window went."""
+    """The path, the surfels of every sweep placed by it, and how each window went: its rounds, its constants with their
+    covariance, the sigmas of its factors."""
 
     path: Path
     surfels: Surfels
     rounds: list[list[Round]] = field(default_factory=list)
-    constants: list[Floats] = field(default_factory=list)
+    constants: list[tuple[Constants, Floats]] = field(default_factory=list)
     sigmas: list[dict[str, float]] = field(default_factory=list)
 
 
@@ -96,6 +98,7 @@ def load_scans(store: SweepStore, mount: Mount, sensors: Sensors, begin: float, 
         np.concatenate(profile or [np.empty(0, np.int32)]).astype(np.int32),
         np.concatenate(time or [np.empty(0)]),
         np.concatenate(sweeps or [np.empty(0, np.int64)]),
+        sensors.changes,
     )
 
 
@@ -164,7 +167,7 @@ def _solve(
             solution.path = _blend(solution.path, path)
             solution.surfels = join(solution.surfels.without(np.unique(surfels.sweep)), surfels)
         solution.rounds.append(rounds)
-        solution.constants.append(motion.constants)
+        solution.constants.append((motion.constants, problem.covariance(motion.constants_columns)))
         solution.sigmas.append({type(factor).__name__: factor.sigma for factor in factors})
     assert solution is not None
     return solution
