@@ -33,6 +33,7 @@ from garbi_map.sweep.store import SweepStore
 
 if TYPE_CHECKING:
     from garbi_map.dive import Dive, Map
+    from garbi_map.register import Registered
 
 _LIBRARIES = (
     "numpy",
@@ -95,7 +96,7 @@ def make_report(dive: Dive, store: SweepStore, built: Map) -> Report:
     entries = store.entries
     blank = sum(entry.blank for entry in entries)
     dark = [f"{blank} images show no laser: it was off, hidden or out of range"] if blank else []
-    left_out = [*dive.left_out, *dark, *built.navigated.report.get("notes", []), *_drift_notes(built)]
+    left_out = [*dive.left_out, *dark, *built.navigated.report.get("notes", []), *drift_notes(built.registered)]
     return Report(
         title=dive.paths[0].stem,
         created=datetime.now(UTC).isoformat(timespec="seconds"),
@@ -151,9 +152,9 @@ def _residuals(built: Map) -> list[Quantity]:
     ]
 
 
-def _drift_notes(built: Map) -> list[str]:
-    """What the drift estimate found to be wrong with the sensors."""
-    return [str(offset) for offset in built.registered.clocks if offset.state == "applied"]
+def drift_notes(registered: Registered) -> list[str]:
+    """What the drift estimate found to be wrong with the sensors, one line each."""
+    return [str(offset) for offset in registered.clocks if offset.state == "applied"]
 
 
 def _clocks(built: Map) -> list[Quantity]:

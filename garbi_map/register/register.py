@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -130,7 +131,7 @@ def _synchronised(
             break
         latency = told.get("encoder_latency", 0.0)
         if scanner is not None and latency != store.latency:
-            store.retime(scanner.rig, scanner.angle, latency)
+            store.retime(partial(scanner.retimed, latency=latency), latency)
         applied = told
     return near, Sensors(right, *known), clocks
 

@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 from garbi_map.log.records import Mount, Stamps
 from garbi_map.register.constants import Constant
 from garbi_map.rig import Rig
-from garbi_map.sweep import Angle
+from garbi_map.sweep import Angle, Sweep
+from garbi_map.sweep.retime import retimed
 
 Floats = NDArray[np.float64]
 
@@ -46,3 +47,7 @@ class Scanner:
         rate = (after - before) / (2e-9 * _MOMENT_NS)
         by_angle = self.rig.triangulate(pixels[:, 0], pixels[:, 1], alpha).d_dalpha
         return {"encoder_latency": turn.apply(np.nan_to_num(by_angle * rate[:, None]))}
+
+    def retimed(self, sweep: Sweep, latency: float) -> Sweep:
+        """The sweep as it is with an encoder whose stamps are late by so many seconds."""
+        return retimed(sweep, self.rig, self.angle, latency)

@@ -33,6 +33,10 @@ CLOCK_SIGMA = 0.025
 """s; clocks that nothing synchronises differ by tens of milliseconds."""
 _BIN = 0.04
 """Accelerations are averaged over this many seconds: shorter than the position's knots, longer than the sensor's noise."""
+_MOMENT_NS = 50_000_000
+"""To either side, over which the navigation filter's velocity is taken."""
+_CONTRADICTION = 0.05
+"""m/s between a DVL's ping and the navigation filter, which is less than a current or a fish makes."""
 _UNKNOWN_ACCELERATION = 0.08
 """m/s^2 by which a vehicle accelerates of which no sensor tells."""
 _UNKNOWN_SPEED = 5.0
@@ -75,8 +79,10 @@ class Sensors:
         return self.inertial is not None and bool(np.isfinite(self.inertial.attitude).any())
 
     def attitude_knots(self, settings: DriftSettings) -> float:
-        """Spacing, s: a turning that no sensor tells needs as many knots as the position."""
-        return settings.attitude_knots if self.attitude_known else 2.0 * settings.position_knots
+        """Spacing, s: a turning that no sensor tells, be it for a second, needs about as many knots as the position."""
+        told = self._attitude_times()
+        silent = self.attitude_known and np.diff(told, prepend=told[:1]).max(initial=0.0) > settings.attitude_knots / 2
+        return settings.attitude_knots if self.attitude_known and not silent else 2.0 * settings.position_knots
 
     def factors(self, begin: float, end: float, settings: DriftSettings, start: Floats | None) -> list[Factor]:
         """The factors of [begin, end] s; start (3,): where the vehicle is at `begin`, None if something else says so."""
@@ -183,7 +189,8 @@ class Sensors:
                 return None
             mount = self.log.mount("dvl_link")
             velocity = Rotation.from_quat(mount.quaternion).apply(dvl.velocity[here])
-            return BottomTrack(time[here], velocity, mount.translation)
+            like = self._believable(dvl.stamp_ns[here], velocity, mount.translation)
+            return BottomTrack(time[here][like], velocity[like], mount.translation) if like.sum() > 2 else None
         if odometry is not None:
             time = self.seconds(self.trajectory.stamp_ns)
             here = (time >= begin) & (time <= end)
@@ -193,6 +200,18 @@ class Sensors:
             turned = self.trajectory.rotation[here].inv().apply(velocity)
             return BottomTrack(time[here], turned, np.zeros(3))
         return None
+
+    def _believable(self, stamp_ns: Stamps, velocity: Floats, lever: Floats) -> NDArray[np.bool_]:
+        """Which velocities (n, 3) m/s in base_link are not far from those of the navigation filter's trajectory.
+
+        A DVL that takes the water or a fish for the bottom does so for seconds on end: by then the filter has refused it,
+        but the drift estimate, which does not go forward in time, would find the path that suits it.
+        """
+        before, after = (self.trajectory.at(stamp_ns + side * _MOMENT_NS) for side in (-1, 1))
+        there = self.trajectory.at(stamp_ns).rotation
+        moved = after.position + after.rotation.apply(lever) - before.position - before.rotation.apply(lever)
+        off = np.linalg.norm(velocity - there.inv().apply(moved) / (2e-9 * _MOMENT_NS), axis=1)
+        return np.asarray(off < max(_CONTRADICTION, 6.0 * float(np.median(off))))
 
     def _positions(self, begin: float, end: float) -> list[Factor]:
         """Absolute fixes and odometry, through the filter's smoothed trajectory, once a second."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -11,9 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from garbi_map.aside import write_text
-from garbi_map.rig import Rig
-from garbi_map.sweep.angle import Angle
-from garbi_map.sweep.retime import retimed
 from garbi_map.sweep.types import Sweep
 
 _ARRAYS = ("stamp_ns", "alpha", "points", "sigma", "intensity", "profile", "row")
@@ -76,11 +73,11 @@ class SweepStore:
         catalogue = {"sweeps": entries, "losses": losses, "latency": self.latency}
         write_text(self.folder / _CATALOGUE, json.dumps(catalogue))
 
-    def retime(self, rig: Rig, angle: Angle, latency: float) -> None:
-        """Triangulates all sweeps again with an encoder whose stamps are late by so many seconds in all."""
+    def retime(self, retimed: Callable[[Sweep], Sweep], latency: float) -> None:
+        """Replaces every sweep by what it is with an encoder whose stamps are late by so many seconds in all."""
         (self.folder / _CATALOGUE).unlink(missing_ok=True)
         self.latency = latency
-        self.entries = [self._write(k, retimed(self.load(k), rig, angle, latency)) for k in range(len(self))]
+        self.entries = [self._write(index, retimed(self.load(index))) for index in range(len(self))]
         self.finish(self.losses)
 
     def load(self, index: int) -> Sweep:
