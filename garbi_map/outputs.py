@@ -27,11 +27,13 @@ from garbi_map.export import (
     write_trajectory,
 )
 from garbi_map.progress import Progress
+from garbi_map.register.timing import NAMES
 from garbi_map.seabed import triangulate
 from garbi_map.sweep.store import SweepStore
 
 if TYPE_CHECKING:
     from garbi_map.dive import Dive, Map
+    from garbi_map.register import Registered
 
 _LIBRARIES = (
     "numpy",
@@ -94,7 +96,7 @@ def make_report(dive: Dive, store: SweepStore, built: Map) -> Report:
     entries = store.entries
     blank = sum(entry.blank for entry in entries)
     dark = [f"{blank} images show no laser: it was off, hidden or out of range"] if blank else []
-    left_out = [*dive.left_out, *dark, *built.navigated.report.get("notes", [])]
+    left_out = [*dive.left_out, *dark, *built.navigated.report.get("notes", []), *drift_notes(built.registered)]
     return Report(
         title=dive.paths[0].stem,
         created=datetime.now(UTC).isoformat(timespec="seconds"),
@@ -146,6 +148,26 @@ def _residuals(built: Map) -> list[Quantity]:
         Quantity(
             name="largest step of the pose graph", value=1e3 * float(registered.graph_step.max(initial=0.0)), unit="mm"
         ),
+        *_clocks(built),
+    ]
+
+
+def drift_notes(registered: Registered) -> list[str]:
+    """What the drift estimate found to be wrong with the sensors, one line each."""
+    return [str(offset) for offset in registered.clocks if offset.state == "applied"]
+
+
+def _clocks(built: Map) -> list[Quantity]:
+    """By how much the stamps of the sensors are late, whether or not that was corrected."""
+    said = {"applied": "corrected", "kept": "nothing to correct", "unseen": "cannot be told from this dive, left alone"}
+    return [
+        Quantity(
+            name=f"{NAMES[offset.name]}, late by",
+            value=None if offset.state == "unseen" else 1e3 * offset.value,
+            unit="ms",
+            note=f"1 sigma {1e3 * offset.sigma:.2g} ms; {said[offset.state]}",
+        )
+        for offset in built.registered.clocks
     ]
 
 

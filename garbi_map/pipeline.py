@@ -15,7 +15,7 @@ from garbi_map.errors import GarbiError
 from garbi_map.log import open_log
 from garbi_map.navigate import Trajectory, navigate
 from garbi_map.progress import Progress, Silent, counted
-from garbi_map.register import register
+from garbi_map.register import Scanner, register
 from garbi_map.rig import load_rig, parse_rig
 from garbi_map.scan import ScanLosses, scan, scan_key
 from garbi_map.seabed import AcceptedPoints, Seabed, SeabedBuilder, build_seabed
@@ -57,7 +57,10 @@ def build_map(
         navigated = navigate(dive.navigation, config.navigate, store.stamps())
     with timed(dive, "registration"):
         progress.stage("registration")
-        registered = register(store, dive.navigation, navigated, config.registration, config.navigate, progress.note)
+        scanner = Scanner(dive.rig, dive.angle, dive.navigation.mount("rig"))
+        registered = register(
+            store, dive.navigation, navigated, config.registration, config.navigate, progress.note, scanner
+        )
     with timed(dive, "seabed"):
         progress.stage("seabed", 2 * len(store))
         seabed, builder = fuse(dive, store, registered.inside, out, progress)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from garbi_map.register.constants import Constant
 from garbi_map.register.drift import add_matches
 from garbi_map.register.factors import (
     GRAVITY,
@@ -19,16 +20,23 @@ from garbi_map.register.factors import (
     Factor,
     Gauge,
     Height,
+    Nominal,
     Position,
 )
-from garbi_map.register.motion import ACCELEROMETER_BIAS, DVL_SCALE, GYRO_BIAS, Motion, PriorAttitude
+from garbi_map.register.motion import Motion, PriorAttitude
 from garbi_map.register.normal_equations import RUN
 from garbi_map.register.surfels import Surfels, match_surfels
 
 END = 3.0
 UP = np.array([0.0, 0.0, 1.0])
 RANDOM = np.random.default_rng(5)
-TIMES = np.sort(RANDOM.uniform(0.0, END, 17))
+TIMES = np.sort(RANDOM.uniform(0.2, END - 0.2, 17))
+BIASES = [
+    Constant("accelerometer_bias", 0.1, "m/s^2", 3),
+    Constant("gyro_bias", 0.01, "rad/s", 3),
+    Constant("dvl_scale", 0.02, "1"),
+]
+CLOCKS = [Constant(f"{name}_clock", 0.025, "s") for name in ("imu", "dvl", "pressure")]
 
 
 class Rows:
@@ -40,10 +48,12 @@ class Rows:
         self.matrices: list[np.ndarray] = []
         self.sigmas: list[np.ndarray] = []
 
-    def add(self, residual, sigma, runs, cauchy=None) -> None:
+    def add(self, residual, sigma, runs, cauchy=None, tail=None) -> None:
         dense = np.zeros((len(residual), self.size))
         for run in runs:
             np.add.at(dense, (np.arange(len(residual))[:, None], run.start[:, None] + np.arange(RUN)), run.value)
+        if tail is not None:
+            dense[:, tail.columns] += tail.value
         self.residuals.append(residual)
         self.matrices.append(dense)
         self.sigmas.append(np.broadcast_to(sigma, residual.shape))
@@ -57,15 +67,15 @@ class Rows:
         return np.concatenate(self.matrices)
 
 
-def some_motion(theta: float, constants: float = 0.0) -> Motion:
+def some_motion(theta: float, constants: float = 0.0, declared: list[Constant] = BIASES) -> Motion:
     """A motion with a turning prior, random positions, and a correction and constants of the size given."""
     random = np.random.default_rng(2)
-    t = np.linspace(0.0, END, 40)
+    t = np.linspace(0.0, END, 400)
     prior = Rotation.from_euler("ZYX", np.stack([0.8 + 0.4 * t, 0.1 * np.sin(t), 0.2 * np.cos(t)], axis=1))
-    motion = Motion(0.0, END, PriorAttitude(t, prior.as_quat()), 0.4, 1.0)
+    motion = Motion(0.0, END, PriorAttitude(t, prior.as_quat()), 0.4, 1.0, declared)
     motion.position_control[:] = random.normal(0.0, 0.3, motion.position_control.shape)
     motion.attitude_control[:] = random.normal(0.0, 1.0, motion.attitude_control.shape) * theta
-    motion.constants[:8] = random.normal(0.0, 1.0, 8) * constants
+    motion.constants.value[:] = random.normal(0.0, 1.0, len(motion.constants)) * constants
     return motion
 
 
@@ -98,12 +108,13 @@ FACTORS = {
     "attitude": lambda: AttitudeCorrection(np.array([0.01, 0.01, 0.03]), 1.0, TIMES),
     "attitude without gyro": lambda: AttitudeCorrection(np.array([0.01, 0.01, 0.03]), 1.0, None),
     "height": lambda: Height(TIMES, random_vectors(1.0)[:, 2], np.array([0.3, -0.2, 0.5])),
-    "bottom track": lambda: BottomTrack(TIMES, random_vectors(0.2), random_vectors(0.3), np.array([-0.4, 0.2, -0.1])),
+    "bottom track": lambda: BottomTrack(TIMES, random_vectors(0.2), np.array([-0.4, 0.2, -0.1])),
     "position": lambda: Position(TIMES, random_vectors(1.0), 0.1),
-    "anchor": lambda: Anchor(TIMES, random_vectors(1.0), random_vectors(0.01), 1e-3, 1e-3),
+    "anchor": lambda: Anchor(TIMES, random_vectors(1.0), some_motion(0.0).rotation(TIMES), 1e-3, 1e-3),
     "calm velocity": lambda: Calm(0.3, 0.1, derivative=1),
     "calm acceleration": lambda: Calm(0.3, 0.1, derivative=2, measured=TIMES[:5]),
-    "gauge": lambda: Gauge((0, 1, 2), np.array([1.0, 2.0, 3.0]), np.full(RUN, 0.1)),
+    "gauge": lambda: Gauge((0, 1, 2), np.array([1.0, 2.0, 3.0])),
+    "nominal": lambda: Nominal(),
 }
 
 
@@ -122,6 +133,16 @@ def test_the_derivatives_of_a_factor_hold_to_first_order_in_the_correction(name)
     factor, motion = FACTORS[name](), some_motion(0.01, 0.01)
     expected = by_differences(motion, lambda: rows_of(factor, motion).residual)
     assert rows_of(factor, motion).matrix == pytest.approx(expected, abs=0.03 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("name", ["acceleration", "height", "bottom track"])
+def test_the_derivatives_by_the_clocks_are_rates_of_change(name):
+    """What a sensor says of the motion a moment earlier or later, to a few per cent of its largest change."""
+    factor, motion = FACTORS[name](), some_motion(0.003, 0.003, CLOCKS)
+    columns = motion.constants_columns
+    expected = by_differences(motion, lambda: rows_of(factor, motion).residual, h=1e-5)[:, columns]
+    assert np.abs(expected).max() > 0.01
+    assert rows_of(factor, motion).matrix[:, columns] == pytest.approx(expected, abs=0.05 * np.abs(expected).max())
 
 
 def placed_surfels(motion: Motion) -> tuple[np.ndarray, np.ndarray, Callable[[], np.ndarray], np.ndarray]:
@@ -186,19 +207,18 @@ def test_a_settled_surfel_stays_where_it_is():
 def measured_by_a_true_motion() -> tuple[Motion, Acceleration, BottomTrack, Height, AttitudeCorrection]:
     """What perfect sensors with a bias and a scale say of a motion; arms and levers included."""
     motion = some_motion(0.003)
-    motion.constants[ACCELEROMETER_BIAS] = [0.05, -0.02, 0.03]
-    motion.constants[DVL_SCALE] = 0.005
+    motion.constants.value[:] = [0.05, -0.02, 0.03, 0.0, 0.0, 0.0, 0.005]
     motion.attitude_control[:] = motion.attitude_control[0]
     inverse = motion.rotation(TIMES).inv()
-    arm, rate = random_vectors(0.1), random_vectors(0.2)
-    force = inverse.apply(motion.position(TIMES, 2) - GRAVITY) + motion.constants[ACCELEROMETER_BIAS] + arm
+    arm, rate = random_vectors(0.1), motion.rate(TIMES)
+    force = inverse.apply(motion.position(TIMES, 2) - GRAVITY) + motion.constants.vector("accelerometer_bias") + arm
     lever = np.array([-0.4, 0.2, -0.1])
-    velocity = (inverse.apply(motion.position(TIMES, 1)) + np.cross(rate, lever)) / (1 + motion.constants[DVL_SCALE])
+    velocity = (inverse.apply(motion.position(TIMES, 1)) + np.cross(rate, lever)) * 1.005
     height = (motion.position(TIMES) + motion.rotation(TIMES).apply(lever))[:, 2]
     return (
         motion,
         Acceleration(TIMES, force, arm),
-        BottomTrack(TIMES, velocity, rate, lever),
+        BottomTrack(TIMES, velocity, lever),
         Height(TIMES, height, lever),
         AttitudeCorrection(np.full(3, 0.1), 1.0, TIMES),
     )
@@ -213,13 +233,31 @@ def test_the_residual_of_a_perfect_sensor_is_zero():
 
 def test_a_constant_gyro_bias_is_a_correction_that_grows():
     """theta' = -R b: the rate's residual vanishes for a level vehicle whose correction undoes its bias."""
-    motion = Motion(0.0, END, PriorAttitude(np.array([0.0]), np.array([[0.0, 0.0, 0.0, 1.0]])), 0.4, 1.0)
-    motion.constants[GYRO_BIAS] = [0.0, 0.0, 1e-3]
+    motion = Motion(0.0, END, PriorAttitude(np.array([0.0]), np.array([[0.0, 0.0, 0.0, 1.0]])), 0.4, 1.0, BIASES)
+    motion.constants.value[motion.constants.place("gyro_bias")] = [0.0, 0.0, 1e-3]
     knots = np.arange(len(motion.attitude_control)) * motion.attitude_spline.spacing
     motion.attitude_control[:, 2] = -1e-3 * knots
     rows = rows_of(AttitudeCorrection(np.full(3, 0.1), 1.0, TIMES), motion)
     rates = np.concatenate(rows.residuals[1::2])
     assert np.abs(rates).max() < 1e-12
+
+
+def test_the_rate_is_that_of_the_rotation():
+    """Prior and correction turn together: the rate is the difference of two attitudes, by what theta leaves out."""
+    motion, h = some_motion(0.003, 0.01, CLOCKS), 1e-3
+    turned = (motion.rotation(TIMES - h).inv() * motion.rotation(TIMES + h)).as_rotvec() / (2 * h)
+    assert motion.rate(TIMES) == pytest.approx(turned, abs=5e-3)
+
+
+def test_a_velocity_full_of_noise_does_not_draw_the_scale():
+    """Noise as large as a slow vehicle's velocity would make the scale a half if it stood with what is measured."""
+    random, motion = np.random.default_rng(4), some_motion(0.0)
+    t = np.linspace(0.2, END - 0.2, 4000)
+    true = motion.rotation(t).inv().apply(motion.position(t, 1))
+    noise = random.normal(0.0, np.sqrt((true**2).mean()), true.shape)
+    rows = rows_of(BottomTrack(t, true + noise, np.zeros(3)), motion)
+    column = rows.matrix[:, motion.constants_columns[motion.constants.place("dvl_scale")]][:, 0]
+    assert -(column @ rows.residual) / (column @ column) == pytest.approx(0.0, abs=0.04)
 
 
 def test_sigmas_are_taken_from_residuals_within_bounds():

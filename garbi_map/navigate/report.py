@@ -107,7 +107,7 @@ def _notes(
     else:
         if len(inertial.gaps):
             lost = float(np.diff(inertial.gaps, axis=1).sum()) * 1e-9
-            notes.append(f"the IMU was silent {len(inertial.gaps)} times, {lost:.1f} s in all")
+            notes.append(f"IMU: silent {len(inertial.gaps)} times, {lost:.1f} s in all")
         if inertial.clipped:
             notes.append(f"the IMU was at the end of its range in {inertial.clipped} samples; they were not used")
         if inertial.spikes:
@@ -134,7 +134,7 @@ def _notes(
 
 
 def _silences(log: Navigation, forward: ErrorStateFilter) -> list[str]:
-    """A line for each sensor that begins late or stops early."""
+    """A line for each sensor that begins late, stops early or, the IMU apart, pauses."""
     begin, end = int(forward.base.stamp_ns[0]), int(forward.base.stamp_ns[-1])
     lines = []
     for name, sensor in {"IMU": log.imu, "DVL": log.dvl, "pressure": log.pressure, "fixes": log.fixes}.items():
@@ -146,4 +146,8 @@ def _silences(log: Navigation, forward: ErrorStateFilter) -> list[str]:
             lines.append(f"{name}: nothing in the first {first:.1f} s")
         if (end - begin) * 1e-9 - last > max(_LATE, 3.0 * usual):
             lines.append(f"{name}: nothing after {last:.1f} s")
+        pauses = np.diff(sensor.stamp_ns) * 1e-9
+        long = pauses[pauses > max(_LATE, 3.0 * usual)]
+        if len(long) and name != "IMU":
+            lines.append(f"{name}: silent {len(long)} times, {long.sum():.1f} s in all")
     return lines

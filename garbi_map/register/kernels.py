@@ -211,3 +211,17 @@ def accumulate_normal_equations(start, value, residual, weight, h, g):  # type: 
                     cj = start[row, j]
                     for k in range(12):
                         target[cj + k] += va * value[row, j, k]
+
+
+@njit(cache=True, nogil=True)
+def accumulate_tail(start, value, weighted, crossed):  # type: ignore[no-untyped-def]
+    """crossed += J' W T of rows whose J is runs of twelve (as above), and whose T, already times W, is (n, k)."""
+    n, b = start.shape
+    for row in range(n):
+        for i in range(b):
+            ci = start[row, i]
+            for a in range(12):
+                va = value[row, i, a]
+                if va != 0.0:
+                    for k in range(weighted.shape[1]):
+                        crossed[ci + a, k] += va * weighted[row, k]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,19 +14,24 @@ from scipy.spatial.transform import Rotation, Slerp
 from garbi_map.errors import GarbiError
 from garbi_map.log.records import Navigation
 from garbi_map.navigate import NavigationResult, Trajectory
+from garbi_map.navigate import navigate as run_navigation
 from garbi_map.navigate.settings import NavigateSettings
+from garbi_map.register.constants import learnt
 from garbi_map.register.drift import Round
 from garbi_map.register.front_end import close_loops, scan_to_map
-from garbi_map.register.motion import DVL_SCALE
 from garbi_map.register.pose_graph import optimise
+from garbi_map.register.scanner import Scanner
 from garbi_map.register.sensors import Sensors
 from garbi_map.register.settings import RegisterSettings
 from garbi_map.register.surfels import Surfels, match_surfels
+from garbi_map.register.timing import Offset, judged, restamped
 from garbi_map.register.windows import Path, Solution, solve_far, solve_near
 from garbi_map.sweep.store import SweepStore
 
 Floats = NDArray[np.float64]
 
+_ATTEMPTS = 4
+"""At setting clocks right: what is left after two is less than what can be seen."""
 _NEIGHBOUR = np.array([0.004, 0.004, 0.004, 0.002, 0.002, 0.002])
 """How much the drift changes between neighbouring sweeps after the near rounds, 1 sigma, m and rad."""
 
@@ -41,6 +47,7 @@ class Registered:
     loops        number of loop closures that were verified
     disagreement median distance between overlapping sweeps, m: with the navigation filter's trajectory and with ours
     constants    what was learnt of the sensors, with units in the names
+    clocks       by how much the stamps of sensors and encoder differ from the camera's
     """
 
     trajectory: Trajectory
@@ -50,6 +57,7 @@ class Registered:
     loops: int
     disagreement: tuple[float, float]
     constants: dict[str, Any]
+    clocks: list[Offset] = field(default_factory=list)
 
 
 def register(
@@ -59,10 +67,12 @@ def register(
     settings: RegisterSettings,
     navigate: NavigateSettings,
     progress: Callable[[str], None] = lambda _: None,
+    scanner: Scanner | None = None,
 ) -> Registered:
     """One consistent trajectory for all sweeps of a store.
 
-    The result begins where the navigation filter's trajectory begins.
+    The result begins where the navigation filter's trajectory begins. Where the encoder's stamps turn out to be late
+    against the images' (which the scanner has to be known for), the sweeps of the store are corrected.
     Raises GarbiError where the sweeps do not span any time.
     """
     mount = log.mount("rig")
@@ -73,11 +83,7 @@ def register(
             "see what was left out of them with `garbi sweep`"
         )
     prior = navigated.trajectory
-    sensors = Sensors(log, prior, navigated.inertial, navigated.attitude, navigate, int(stamps[0]))
-    span = (0.0, float((stamps[-1] - stamps[0]) * 1e-9))
-
-    progress("neighbours in time")
-    near = solve_near(store, mount, sensors, span, settings.drift, progress)
+    near, sensors, clocks = _synchronised(store, log, navigated, settings, navigate, progress, scanner)
     progress("sweeps against the map")
     corrections, constraints = scan_to_map(near.surfels, settings.front_end)
     loops = close_loops(near.surfels, corrections, settings.front_end)
@@ -94,7 +100,40 @@ def register(
         loops=len(loops),
         disagreement=(_disagreement(_placed_by(prior, near, sensors)), _disagreement(far.surfels)),
         constants=_constants(far),
+        clocks=clocks,
     )
+
+
+def _synchronised(
+    store: SweepStore,
+    log: Navigation,
+    navigated: NavigationResult,
+    settings: RegisterSettings,
+    navigate: NavigateSettings,
+    progress: Callable[[str], None],
+    scanner: Scanner | None,
+) -> tuple[Solution, Sensors, list[Offset]]:
+    """Neighbours in time, again where they show that clocks differ, with what was recorded set right."""
+    applied = {"encoder_latency": store.latency} if store.latency else {}
+    clocks: list[Offset] = []
+    for attempt in range(_ATTEMPTS):
+        progress("neighbours in time" if attempt == 0 else "neighbours in time, clocks corrected")
+        stamps = store.stamps()
+        span = (0.0, float((stamps[-1] - stamps[0]) * 1e-9))
+        right = restamped(log, clocks)
+        if attempt > 0:
+            navigated = run_navigation(right, navigate, stamps)
+        known = (navigated.trajectory, navigated.inertial, navigated.attitude, navigate, int(stamps[0]), scanner)
+        near = solve_near(store, log.mount("rig"), Sensors(right, *known, clocks=True), span, settings.drift, progress)
+        clocks = judged(learnt(near.constants), applied)
+        told = {offset.name: offset.value for offset in clocks if offset.state == "applied"}
+        if told == applied or attempt == _ATTEMPTS - 1:
+            break
+        latency = told.get("encoder_latency", 0.0)
+        if scanner is not None and latency != store.latency:
+            store.retime(partial(scanner.retimed, latency=latency), latency)
+        applied = told
+    return near, Sensors(right, *known), clocks
 
 
 def _apply(path: Path, surfels: Surfels, corrections: list[Floats]) -> Path:
@@ -151,10 +190,9 @@ def _trajectory(path: Path, covariance: Floats, epoch_ns: int, stamps: NDArray[n
 
 
 def _constants(solution: Solution) -> dict[str, Any]:
-    mean = np.mean(solution.constants, axis=0)
-    return {
-        "accelerometer_bias_m_s2": mean[:3].tolist(),
-        "gyro_bias_change_rad_s": mean[3:6].tolist(),
-        "dvl_scale": float(mean[DVL_SCALE]),
-        "sigma": solution.sigmas[-1],
+    """Value, 1 sigma and unit of each constant, and the sigmas of the factors."""
+    found = {
+        name: {"value": one.value.tolist(), "sigma": one.sigma.tolist(), "unit": one.unit}
+        for name, one in learnt(solution.constants).items()
     }
+    return {**found, "sigma": solution.sigmas[-1]}

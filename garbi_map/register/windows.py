@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from garbi_map.log.records import Mount
+from garbi_map.register.constants import Constants
 from garbi_map.register.covariance import pose_covariances
 from garbi_map.register.drift import Round, Scans, estimate_drift
 from garbi_map.register.factors import Anchor, Factor
@@ -52,12 +53,13 @@ class Path:
 
 @dataclass
 class Solution:
-    """The path, the surfels of every sweep placed by it, and how each window went."""
+    """The path, the surfels of every sweep placed by it, and how each window went: its rounds, its constants with their
+    covariance, the sigmas of its factors."""
 
     path: Path
     surfels: Surfels
     rounds: list[list[Round]] = field(default_factory=list)
-    constants: list[Floats] = field(default_factory=list)
+    constants: list[tuple[Constants, Floats]] = field(default_factory=list)
     sigmas: list[dict[str, float]] = field(default_factory=list)
 
 
@@ -96,6 +98,7 @@ def load_scans(store: SweepStore, mount: Mount, sensors: Sensors, begin: float, 
         np.concatenate(profile or [np.empty(0, np.int32)]).astype(np.int32),
         np.concatenate(time or [np.empty(0)]),
         np.concatenate(sweeps or [np.empty(0, np.int64)]),
+        sensors.changes,
     )
 
 
@@ -137,7 +140,8 @@ def _solve(
     for number, (begin, end) in enumerate(windows):
         progress(f"window {number + 1} of {len(windows)}")
         scans = load_scans(store, mount, sensors, begin, end, settings.window_points)
-        motion = Motion(begin, end, sensors.prior_attitude, settings.position_knots, sensors.attitude_knots(settings))
+        knots = settings.position_knots, sensors.attitude_knots(settings)
+        motion = Motion(begin, end, sensors.prior_attitude, *knots, sensors.constants())
         if start is not None:
             t = motion.instants(_OUTPUT_STEP)
             motion.fit(t, *start.at(t))
@@ -163,7 +167,7 @@ def _solve(
             solution.path = _blend(solution.path, path)
             solution.surfels = join(solution.surfels.without(np.unique(surfels.sweep)), surfels)
         solution.rounds.append(rounds)
-        solution.constants.append(motion.constants.copy())
+        solution.constants.append((motion.constants, problem.covariance(motion.constants_columns)))
         solution.sigmas.append({type(factor).__name__: factor.sigma for factor in factors})
     assert solution is not None
     return solution
@@ -181,9 +185,8 @@ def _anchor(path: Path, motion: Motion) -> Anchor | None:
     if len(t) == 0:
         return None
     position, rotation = path.at(t)
-    theta = (rotation * motion.prior.at(t).inv()).as_rotvec()
     shared = np.sqrt(max(len(t) / 4.0, 1.0))
-    return Anchor(t, position, theta, 5e-4 * shared, 2e-4 * shared)
+    return Anchor(t, position, rotation, 5e-4 * shared, 2e-4 * shared)
 
 
 def _sample(motion: Motion, problem: NormalEquations) -> Path:

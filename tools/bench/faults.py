@@ -1,0 +1,166 @@
+"""`garbi map`'s registration on a dive whose sensors or clocks are made to fail, one fault at a time, beside the dive as
+it is: how much the map suffers and what the report says of it.
+
+    python -m tools.bench.faults DIVE_FOLDER [--fault NAME...] [--json FILE]
+
+The folder holds dive.mcap and its truth, see tools.bench.map.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
+from scipy.spatial.transform import Rotation
+
+from garbi_map.config import Config
+from garbi_map.evaluate import read_truth
+from garbi_map.log.records import Navigation
+from garbi_map.navigate import navigate
+from garbi_map.outputs import drift_notes
+from garbi_map.pipeline import open_dive, sweeps_of
+from garbi_map.progress import Silent
+from garbi_map.register import Scanner, register
+from tools.bench.map import score
+
+Fault = Callable[[Navigation], Navigation]
+BEGIN, LENGTH = 0.4, 0.15
+"""Where in the dive a fault lies that does not last: share of its time."""
+
+
+def late(seconds: float, sensor: str) -> Fault:
+    """Stamps of a sensor that are late by so much."""
+    return lambda log: _changed(log, sensor, stamp_ns=getattr(log, sensor).stamp_ns + round(seconds * 1e9))
+
+
+def silent(seconds: float, sensor: str) -> Fault:
+    """A sensor that says nothing for so long."""
+
+    def fault(log: Navigation) -> Navigation:
+        record = getattr(log, sensor)
+        t = (record.stamp_ns - record.stamp_ns[0]) * 1e-9
+        keep = (t < BEGIN * t[-1]) | (t > BEGIN * t[-1] + seconds)
+        columns = {k: v[keep] for k, v in vars(record).items() if isinstance(v, np.ndarray)}
+        return _changed(log, sensor, **columns)
+
+    return fault
+
+
+def clipping(log: Navigation) -> Navigation:
+    """An IMU whose gyro ends at 60 % of what the dive holds, and whose accelerometer at 90 % of its samples."""
+    most, strongest = 0.6 * np.abs(log.imu.rate).max(), np.quantile(np.abs(log.imu.specific_force).max(axis=1), 0.9)
+    rate, force = np.clip(log.imu.rate, -most, most), np.clip(log.imu.specific_force, -strongest, strongest)
+    return _changed(log, "imu", rate=rate, specific_force=force)
+
+
+def no_lock(log: Navigation) -> Navigation:
+    """A DVL that loses the bottom: invalid for a seventh of the dive."""
+    return _changed(log, "dvl", velocity=np.where(_during(log, "dvl")[:, None], np.nan, log.dvl.velocity))
+
+
+def water_lock(log: Navigation) -> Navigation:
+    """A DVL that takes the water, which flows at 30 cm/s, for the bottom, and does not say so."""
+    return _changed(log, "dvl", velocity=log.dvl.velocity + np.where(_during(log, "dvl")[:, None], [0.2, 0.2, 0.05], 0))
+
+
+def outliers(log: Navigation) -> Navigation:
+    """A DVL with one ping in seven off by up to 2 m/s."""
+    random = np.random.default_rng(1)
+    wrong = random.random((len(log.dvl.stamp_ns), 1)) < 1 / 7
+    return _changed(log, "dvl", velocity=log.dvl.velocity + wrong * random.uniform(-2, 2, log.dvl.velocity.shape))
+
+
+def iron(log: Navigation) -> Navigation:
+    """A compass 20 degrees off for a seventh of the dive."""
+    turn = Rotation.from_euler("z", np.where(_during(log, "imu"), np.radians(20.0), 0.0)[:, None])
+    return _changed(log, "imu", attitude=(turn * Rotation.from_quat(log.imu.attitude)).as_quat())
+
+
+FAULTS: dict[str, Fault] = {
+    "as it is": lambda log: log,
+    "IMU 50 ms late": late(0.05, "imu"),
+    "IMU 50 ms early": late(-0.05, "imu"),
+    "DVL 50 ms late": late(0.05, "dvl"),
+    "pressure 50 ms late": late(0.05, "pressure"),
+    "encoder 15 ms late": late(0.015, "encoder"),
+    "IMU silent for 3 s": silent(3.0, "imu"),
+    "DVL silent for 5 s": silent(5.0, "dvl"),
+    "pressure silent for 5 s": silent(5.0, "pressure"),
+    "encoder silent for 2 s": silent(2.0, "encoder"),
+    "IMU at the end of its range": clipping,
+    "DVL without bottom lock": no_lock,
+    "DVL locked to the water": water_lock,
+    "DVL, 1 ping in 7 wrong": outliers,
+    "compass 20 degrees off": iron,
+}
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table: the fault, the map's errors, what the report says that it does not say of the dive as it is."""
+
+    fault: str
+    median_mm: float
+    p95_mm: float
+    ate_mm: float
+    said: list[str]
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--fault", action="append", choices=list(FAULTS))
+    parser.add_argument("--json", type=Path)
+    arguments = parser.parse_args()
+    rows = [run(arguments.folder, name) for name in arguments.fault or FAULTS]
+    table = Table(title=f"{arguments.folder.name}: cloud to true surface after one rigid alignment, mm")
+    for head in ("fault", "median", "95 %", "ATE", "what the report says"):
+        table.add_column(head, justify="right" if head in ("median", "95 %", "ATE") else "left")
+    usual = set(rows[0].said) if rows[0].fault == "as it is" else set()
+    for row in rows:
+        said = "\n".join(line for line in row.said if row.fault == "as it is" or line not in usual)
+        table.add_row(row.fault, f"{row.median_mm:.3f}", f"{row.p95_mm:.3f}", f"{row.ate_mm:.2f}", said)
+    Console(width=180).print(table)
+    if arguments.json:
+        arguments.json.write_text(json.dumps([row.__dict__ for row in rows], indent=1))
+
+
+def run(folder: Path, name: str) -> Row:
+    """One fault: from the sweeps to the trajectory, scored against the truth."""
+    truth = read_truth([folder])
+    dive = open_dive([folder / "dive.mcap"], Config(), None)
+    dive.navigation = FAULTS[name](dive.navigation)
+    with tempfile.TemporaryDirectory() as scratch:
+        store = sweeps_of(dive, Path(scratch) / "sweeps", 2, Silent())
+        log, config = dive.navigation, dive.config
+        navigated = navigate(log, config.navigate, store.stamps())
+        scanner = Scanner(dive.rig, dive.angle, log.mount("rig"))
+        made = register(store, log, navigated, config.registration, config.navigate, scanner=scanner)
+        row = score(folder.name, "", "", store, made.trajectory, dive, truth)
+        said = [*dive.left_out, *navigated.report["notes"], *drift_notes(made)]
+    return Row(name, row.cloud.median_mm, row.cloud.p95_mm, row.ate_mm, said)
+
+
+def _changed(log: Navigation, sensor: str, **columns: Any) -> Navigation:
+    return replace(log, **{sensor: replace(getattr(log, sensor), **columns)})
+
+
+def _during(log: Navigation, sensor: str) -> NDArray[np.bool_]:
+    """Which of a sensor's stamps (n,) lie in the fault."""
+    t = getattr(log, sensor).stamp_ns
+    share = (t - t[0]) / (t[-1] - t[0])
+    return np.asarray((share > BEGIN) & (share < BEGIN + LENGTH))
+
+
+if __name__ == "__main__":
+    main()
