@@ -169,8 +169,8 @@ def add_matches(
 ) -> tuple[int, float]:
     """Adds n . (m_i - m_j) = 0 for matched surfels; returns their number and median distance, m.
 
-    Both poses are unknown, but for a settled surfel's, which stays where it is. looks: how often the same points are matched,
-    as surfels of several sizes.
+    Both poses are unknown, but for a settled surfel's, which stays where it is. looks: how often the same points are
+    matched, as surfels of several sizes.
     """
     moving = len(surfels.mean)
     moves = {} if changes is None else _map_axes(changes, motion, surfels)
@@ -187,11 +187,15 @@ def add_matches(
     residual = np.einsum("nk,nk->n", normal, between)
     lateral = np.sqrt(np.maximum(np.einsum("nk,nk->n", between, between) - residual**2, 0.0))
 
-    def rows(index: NDArray[np.int64], sign: float) -> Rows:
+    # the normal turns with the two surfels, half with each; held still, it would tie the whole map to a heading
+    turning = 0.5 * np.cross(normal, between)
+
+    def rows(index: Ints, sign: float) -> Rows:
         t = np.clip(surfels.time[index], motion.begin, motion.end)
-        axes = np.where((index < moving)[:, None], sign * normal, 0.0)
+        free = (index < moving)[:, None]
+        axes = np.where(free, sign * normal, 0.0)
         arm = surfels.mean[index] - motion.position(t)
-        out = motion.rows(t).position(axes).rotation(np.cross(arm, axes))
+        out = motion.rows(t).position(axes).rotation(np.cross(arm, axes) + np.where(free, turning, 0.0))
         for name, move in moves.items():
             out.constant(name, np.einsum("nk,nk->n", axes, move[np.minimum(index, moving - 1)]))
         return out

@@ -111,7 +111,7 @@ class AttitudeCorrection:
         if self.gyro is not None:
             sigma[~far_from(t, self.gyro, _SILENCE)] = self.sigma
         # one bias-like error for the dive, not one for each time: the rows share their information
-        shared = np.sqrt(max(n / 4.0, 1.0))
+        shared = np.sqrt(n)
         for axis in range(3):
             unit = np.broadcast_to(_AXES[axis], (n, 3))
             problem.add(theta[:, axis], self.magnitude[axis] * shared, motion.rows(t).correction(unit).runs)

@@ -20,11 +20,11 @@ from garbi_map.register.constants import learnt
 from garbi_map.register.drift import Round
 from garbi_map.register.front_end import close_loops, scan_to_map
 from garbi_map.register.pose_graph import optimise
-from garbi_map.register.scanner import Scanner
+from garbi_map.register.scanner import ENCODER, Scanner
 from garbi_map.register.sensors import Sensors
 from garbi_map.register.settings import RegisterSettings
 from garbi_map.register.surfels import Surfels, match_surfels
-from garbi_map.register.timing import Offset, judged, restamped
+from garbi_map.register.timing import Offset, judged, refined, restamped
 from garbi_map.register.windows import Path, Solution, solve_far, solve_near
 from garbi_map.sweep.store import SweepStore
 
@@ -91,6 +91,7 @@ def register(
     closed = _apply(near.path, near.surfels, corrections)
     progress("all sweeps at once")
     far = solve_far(store, mount, sensors, closed, settings.drift, progress)
+    clocks = _retimed(store, far, clocks, scanner)
 
     return Registered(
         trajectory=_trajectory(far.path, far.path.covariance, sensors.epoch_ns, stamps),
@@ -114,7 +115,7 @@ def _synchronised(
     scanner: Scanner | None,
 ) -> tuple[Solution, Sensors, list[Offset]]:
     """Neighbours in time, again where they show that clocks differ, with what was recorded set right."""
-    applied = {"encoder_latency": store.latency} if store.latency else {}
+    applied = {ENCODER: store.latency} if store.latency else {}
     clocks: list[Offset] = []
     for attempt in range(_ATTEMPTS):
         progress("neighbours in time" if attempt == 0 else "neighbours in time, clocks corrected")
@@ -129,11 +130,23 @@ def _synchronised(
         told = {offset.name: offset.value for offset in clocks if offset.state == "applied"}
         if told == applied or attempt == _ATTEMPTS - 1:
             break
-        latency = told.get("encoder_latency", 0.0)
+        latency = told.get(ENCODER, 0.0)
         if scanner is not None and latency != store.latency:
             store.retime(partial(scanner.retimed, latency=latency), latency)
         applied = told
     return near, Sensors(right, *known), clocks
+
+
+def _retimed(store: SweepStore, far: Solution, clocks: list[Offset], scanner: Scanner | None) -> list[Offset]:
+    """The sweeps with the encoder's latency as all of them together tell it; the path has taken it into account."""
+    more = learnt(far.constants).get(ENCODER)
+    if more is None or scanner is None:
+        return clocks
+    fine = [refined(offset, more) if offset.name == ENCODER else offset for offset in clocks]
+    for latency in (offset.value for offset in fine if offset.name == ENCODER and offset.state == "applied"):
+        if latency != store.latency:
+            store.retime(partial(scanner.retimed, latency=latency), latency)
+    return fine
 
 
 def _apply(path: Path, surfels: Surfels, corrections: list[Floats]) -> Path:

@@ -20,6 +20,8 @@ Floats = NDArray[np.float64]
 Changes = Callable[[Floats, Floats], dict[str, Floats]]
 """By how much points (n, 3) in base_link, seen at n times (s), move with a unit of each constant: name -> (n, 3)."""
 
+ENCODER = "encoder_latency"
+"""The constant by which the encoder's stamps are late against the images', s."""
 LATENCY_SIGMA = 0.025
 """s; encoders and cameras that nothing synchronises differ by tens of milliseconds."""
 _MOMENT_NS = 10_000_000
@@ -36,7 +38,7 @@ class Scanner:
 
     def constants(self) -> list[Constant]:
         """What is unknown of it: a laser that never turns back hides the encoder's latency in the vehicle's motion."""
-        return [Constant("encoder_latency", LATENCY_SIGMA, "s")] if len(self.angle.turns_ns) else []
+        return [Constant(ENCODER, LATENCY_SIGMA, "s")] if len(self.angle.turns_ns) else []
 
     def changes(self, points: Floats, stamp_ns: Stamps) -> dict[str, Floats]:
         """By how much points (n, 3) in base_link, seen at stamps (n,), move with a unit of each constant."""
@@ -46,7 +48,7 @@ class Scanner:
         alpha, before, after = (self.angle.at(stamp_ns + k * _MOMENT_NS)[0] for k in (0, -1, 1))
         rate = (after - before) / (2e-9 * _MOMENT_NS)
         by_angle = self.rig.triangulate(pixels[:, 0], pixels[:, 1], alpha).d_dalpha
-        return {"encoder_latency": turn.apply(np.nan_to_num(by_angle * rate[:, None]))}
+        return {ENCODER: turn.apply(np.nan_to_num(by_angle * rate[:, None]))}
 
     def retimed(self, sweep: Sweep, latency: float) -> Sweep:
         """The sweep as it is with an encoder whose stamps are late by so many seconds."""

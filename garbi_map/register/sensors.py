@@ -112,7 +112,7 @@ class Sensors:
         return out
 
     def constants(self) -> list[Constant]:
-        """What is unknown of the sensors that there are, clocks included where they are asked for."""
+        """What is unknown of scanner and sensors that there are, the sensors' clocks included where they are asked for."""
         out = []
         if self.gyro is not None:
             bias = float(np.clip(3.0 * self.gyro.bias_sigma.max(), 5e-4, 0.01))
@@ -122,22 +122,21 @@ class Sensors:
         if self.clocks:
             there = {"imu": self.gyro, "dvl": self.log.dvl, "pressure": self.log.pressure}
             out += [Constant(f"{name}_clock", CLOCK_SIGMA, "s") for name, record in there.items() if record is not None]
-            out += self.scanner.constants() if self.scanner is not None else []
-        return out
+        return out + (self.scanner.constants() if self.scanner is not None else [])
 
     @property
     def changes(self) -> Changes | None:
         """What the unknown constants of the scanner do to its points."""
         scanner = self.scanner
-        if scanner is None or not self.clocks or not scanner.constants():
+        if scanner is None or not scanner.constants():
             return None
         return lambda points, t: scanner.changes(points, self.epoch_ns + np.round(t * 1e9).astype(np.int64))
 
     def _attitude(self, settings: DriftSettings) -> AttitudeCorrection:
         spacing = self.attitude_knots(settings)
         if not self.attitude_known:
-            return AttitudeCorrection(np.deg2rad([3.0, 3.0, 5.0]), spacing, None)
-        magnitude = np.deg2rad([0.5, 0.5, 2.0])
+            return AttitudeCorrection(np.deg2rad([1.5, 1.5, 2.5]), spacing, None)
+        magnitude = np.deg2rad([0.25, 0.25, 1.0])
         if self.gyro is not None:
             magnitude = np.maximum(magnitude, np.minimum(np.median(self.gyro.sigma, axis=0), np.deg2rad(5.0)))
         return AttitudeCorrection(magnitude, spacing, self._attitude_times(), self._rate_noise())

@@ -11,6 +11,8 @@ from garbi_map.register.constants import Learnt
 
 _SURE = 5.0
 """Times its sigma that an offset must be from zero to be applied."""
+_SIGNIFICANT = 3.0
+"""The same for what is left of it in the end, which is small."""
 _WORTH = 5e-4
 """s; a smaller offset moves nothing that can be seen."""
 _SEEN = 0.3
@@ -38,7 +40,7 @@ class Offset:
     state: Literal["applied", "kept", "unseen"]
 
     def __str__(self) -> str:
-        late = f"{1e3 * abs(self.value):.1f} ± {1e3 * self.sigma:.1f} ms {'late' if self.value > 0 else 'early'}"
+        late = f"{1e3 * abs(self.value):.2f} ± {1e3 * self.sigma:.2f} ms {'late' if self.value > 0 else 'early'}"
         told = {
             "applied": f"are {late} against the camera's: corrected",
             "kept": f"agree with the camera's: {1e3 * self.value:.1f} ± {1e3 * self.sigma:.1f} ms",
@@ -60,6 +62,15 @@ def judged(found: dict[str, Learnt], applied: dict[str, float]) -> list[Offset]:
         else:
             out.append(Offset(name, before or more, sigma, "applied" if before else "kept"))
     return out
+
+
+def refined(offset: Offset, more: Learnt) -> Offset:
+    """An offset after a finer estimate of what is left of it, which is applied however small it is, if it is sure."""
+    value, sigma = float(more.value[0]), float(more.sigma[0])
+    if abs(value) <= _SIGNIFICANT * sigma:
+        return replace(offset, sigma=min(sigma, offset.sigma))
+    before = offset.value if offset.state == "applied" else 0.0
+    return Offset(offset.name, before + value, sigma, "applied")
 
 
 def restamped(log: Navigation, offsets: Sequence[Offset]) -> Navigation:
