@@ -19,8 +19,10 @@ Floats = NDArray[np.float64]
 
 GRAVITY = np.array([0.0, 0.0, -9.80665])
 _AXES = np.eye(3)
-_UNKNOWN_TURNING = np.deg2rad(1.5)
+_UNKNOWN_TURNING = np.deg2rad(4.0)
 """Rate, rad/s, at which a vehicle turns of which no sensor tells."""
+_UNKNOWN_SWING = np.deg2rad(6.0)
+"""rad/s^2 by which that rate changes."""
 _MOMENT = 0.01
 """s to either side, over which a rate of change is taken."""
 _SILENCE = 0.1
@@ -86,13 +88,14 @@ class Acceleration:
 class AttitudeCorrection:
     """The correction theta is small and, but for the gyro's bias, changes slowly.
 
-    magnitude (3,) rad: 1 sigma of the prior attitude about each map axis. The rate's sigma is what is left of the gyro's
-    noise when it is averaged between two knots; gyro (n,) s are the times at which there is one. Away from them, as
-    everywhere where gyro is None, the vehicle turns as no sensor tells.
+    magnitude (3,) rad: 1 sigma of the prior attitude about each map axis; memory (3,) s, for how long an error of it
+    lasts. The rate's sigma is what is left of the gyro's noise when it is averaged between two knots; gyro (n,) s are the
+    times at which there is one. Away from them, as everywhere where gyro is None, the vehicle turns as no sensor tells.
     """
 
-    def __init__(self, magnitude: Floats, spacing: float, gyro: Floats | None) -> None:
+    def __init__(self, magnitude: Floats, spacing: float, gyro: Floats | None, memory: Floats | None = None) -> None:
         self.magnitude, self.spacing, self.gyro = magnitude, spacing, gyro
+        self.memory = np.full(3, np.inf) if memory is None else memory
         self.sigma = _UNKNOWN_TURNING if gyro is None else np.deg2rad(0.05)
 
     def _times(self, motion: Motion) -> Floats:
@@ -112,13 +115,19 @@ class AttitudeCorrection:
         rate, matrix = self._rate_residual(motion)
         sigma = np.full(n, _UNKNOWN_TURNING)
         sigma[self._told(t)] = self.sigma
-        # one bias-like error for the dive, not one for each time: the rows share their information
-        shared = np.sqrt(max(n / 4.0, 1.0))
+        # an error that lasts is one error, not one for each time: the rows share their information
+        lasting = np.minimum(self.memory, (motion.end - motion.begin) / 4.0)
+        shared = np.sqrt(np.maximum(lasting * n / (motion.end - motion.begin), 1.0))
         for axis in range(3):
             unit = np.broadcast_to(_AXES[axis], (n, 3))
-            problem.add(theta[:, axis], self.magnitude[axis] * shared, motion.rows(t).correction(unit).runs)
+            problem.add(theta[:, axis], self.magnitude[axis] * shared[axis], motion.rows(t).correction(unit).runs)
             rows = motion.rows(t).correction(unit, 1).constant("gyro_bias", matrix[:, axis])
             problem.add(rate[:, axis], sigma, rows.runs, 4.0, rows.tail)
+        silent = t[~self._told(t)]
+        swing = motion.correction(silent, 2)
+        for axis in range(3):
+            unit = np.broadcast_to(_AXES[axis], swing.shape)
+            problem.add(swing[:, axis], _UNKNOWN_SWING, motion.rows(silent).correction(unit, 2).runs)
 
     def _told(self, t: Floats) -> NDArray[np.bool_]:
         """Where (n,) the gyro speaks."""

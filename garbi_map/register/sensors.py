@@ -39,6 +39,8 @@ _CONTRADICTION = 0.05
 """m/s between a DVL's ping and the navigation filter, which is less than a current or a fish makes."""
 _UNKNOWN_ACCELERATION = 0.08
 """m/s^2 by which a vehicle accelerates of which no sensor tells."""
+_SWING = 2.0
+"""s, for which a vehicle leans to one side of which no sensor tells: it rights itself."""
 _UNKNOWN_SPEED = 5.0
 """Times the usual speed that a vehicle may have of which no sensor tells."""
 
@@ -132,7 +134,8 @@ class Sensors:
     def _attitude(self, settings: DriftSettings) -> AttitudeCorrection:
         spacing = self.attitude_knots(settings)
         if not self.attitude_known:
-            return AttitudeCorrection(np.deg2rad([3.0, 3.0, 5.0]), spacing, None)
+            memory = np.array([_SWING, _SWING, np.inf])
+            return AttitudeCorrection(np.deg2rad([3.0, 3.0, 5.0]), spacing, None, memory)
         magnitude = np.deg2rad([0.5, 0.5, 2.0])
         if self.gyro is not None:
             magnitude = np.maximum(magnitude, np.minimum(np.median(self.gyro.sigma, axis=0), np.deg2rad(5.0)))
