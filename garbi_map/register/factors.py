@@ -19,8 +19,10 @@ Floats = NDArray[np.float64]
 
 GRAVITY = np.array([0.0, 0.0, -9.80665])
 _AXES = np.eye(3)
-_UNKNOWN_TURNING = np.deg2rad(1.5)
+_UNKNOWN_TURNING = np.deg2rad(4.0)
 """Rate, rad/s, at which a vehicle turns of which no sensor tells."""
+_UNKNOWN_SWING = np.deg2rad(6.0)
+"""rad/s^2 by which that rate changes."""
 _MOMENT = 0.01
 """s to either side, over which a rate of change is taken."""
 _SILENCE = 0.1
@@ -86,13 +88,21 @@ class Acceleration:
 class AttitudeCorrection:
     """The correction theta is small and, but for the gyro's bias, changes no faster than the gyro's noise lets it.
 
-    magnitude (3,) rad: 1 sigma of the prior attitude about each map axis. gyro (n,) s are the times at which the prior
-    attitude is measured and noise the density of its rate's noise, rad/s per root Hz. Away from them, as everywhere where
-    gyro is None, the vehicle turns as no sensor tells.
+    magnitude (3,) rad: 1 sigma of the prior attitude about each map axis; memory (3,) s, for how long an error of it
+    lasts, None for ever. gyro (n,) s are the times at which the prior attitude is measured and noise the density of its
+    rate's noise, rad/s per root Hz. Away from them, as everywhere where gyro is None, the vehicle turns as no sensor tells.
     """
 
-    def __init__(self, magnitude: Floats, spacing: float, gyro: Floats | None, noise: float = 0.0) -> None:
+    def __init__(
+        self,
+        magnitude: Floats,
+        spacing: float,
+        gyro: Floats | None,
+        noise: float = 0.0,
+        memory: Floats | None = None,
+    ) -> None:
         self.magnitude, self.spacing, self.gyro = magnitude, spacing, gyro
+        self.memory = np.full(3, np.inf) if memory is None else memory
         # white noise averaged over the time between two rows
         self.sigma = _UNKNOWN_TURNING if gyro is None else noise / np.sqrt(spacing / 2.0)
 
@@ -108,15 +118,26 @@ class AttitudeCorrection:
         matrix = motion.rotation(t).as_matrix()
         rate = motion.correction(t, 1) + matrix @ motion.constants.vector("gyro_bias")
         sigma = np.full(n, _UNKNOWN_TURNING)
-        if self.gyro is not None:
-            sigma[~far_from(t, self.gyro, _SILENCE)] = self.sigma
-        # one bias-like error for the dive, not one for each time: the rows share their information
-        shared = np.sqrt(n)
+        sigma[self._told(t)] = self.sigma
+        # an error that lasts is one error, not one for each time: the rows share their information
+        length = motion.end - motion.begin
+        shared = np.sqrt(np.maximum(np.minimum(self.memory, length) * n / length, 1.0))
         for axis in range(3):
             unit = np.broadcast_to(_AXES[axis], (n, 3))
-            problem.add(theta[:, axis], self.magnitude[axis] * shared, motion.rows(t).correction(unit).runs)
+            problem.add(theta[:, axis], self.magnitude[axis] * shared[axis], motion.rows(t).correction(unit).runs)
             rows = motion.rows(t).correction(unit, 1).constant("gyro_bias", matrix[:, axis])
             problem.add(rate[:, axis], sigma, rows.runs, 4.0, rows.tail)
+        silent = t[~self._told(t)]
+        swing = motion.correction(silent, 2)
+        for axis in range(3):
+            unit = np.broadcast_to(_AXES[axis], swing.shape)
+            problem.add(swing[:, axis], _UNKNOWN_SWING, motion.rows(silent).correction(unit, 2).runs)
+
+    def _told(self, t: Floats) -> NDArray[np.bool_]:
+        """Where (n,) the gyro speaks."""
+        if self.gyro is None:
+            return np.zeros(len(t), bool)
+        return ~far_from(t, self.gyro, _SILENCE)
 
     def reestimate(self, motion: Motion) -> None:
         """Keeps its sigma: what is left of few residuals and as many unknowns says nothing of the noise."""

@@ -25,7 +25,9 @@ ENCODER = "encoder_latency"
 LATENCY_SIGMA = 0.025
 """s; encoders and cameras that nothing synchronises differ by tens of milliseconds."""
 _MOMENT_NS = 10_000_000
-"""to either side, over which the laser's rate is taken."""
+"""To either side, over which the laser's rate is taken."""
+_SAME_NS = 4_000_000
+"""Within which the laser's rate and the derivatives by its angle hardly change."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +47,8 @@ class Scanner:
         turn = Rotation.from_quat(self.mount.quaternion)
         seen = turn.inv().apply(points - self.mount.translation)
         pixels = self.rig.project(seen)
-        alpha, before, after = (self.angle.at(stamp_ns + k * _MOMENT_NS)[0] for k in (0, -1, 1))
+        times, which = np.unique(stamp_ns // _SAME_NS, return_inverse=True)
+        alpha, before, after = (self.angle.at(times * _SAME_NS + k * _MOMENT_NS)[0][which] for k in (0, -1, 1))
         rate = (after - before) / (2e-9 * _MOMENT_NS)
         by_angle = self.rig.triangulate(pixels[:, 0], pixels[:, 1], alpha).d_dalpha
         return {ENCODER: turn.apply(np.nan_to_num(by_angle * rate[:, None]))}

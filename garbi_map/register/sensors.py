@@ -43,6 +43,8 @@ _UNKNOWN_RATE_NOISE = np.deg2rad(0.05)
 """rad/s per root Hz, of an attitude without a gyro."""
 _LEAST_RATE_NOISE = np.deg2rad(0.003)
 """rad/s per root Hz; a gyro that seems better quantises its readings."""
+_SWING = 2.0
+"""s, for which a vehicle leans to one side of which no sensor tells: it rights itself."""
 _UNKNOWN_SPEED = 5.0
 """Times the usual speed that a vehicle may have of which no sensor tells."""
 
@@ -135,7 +137,8 @@ class Sensors:
     def _attitude(self, settings: DriftSettings) -> AttitudeCorrection:
         spacing = self.attitude_knots(settings)
         if not self.attitude_known:
-            return AttitudeCorrection(np.deg2rad([1.5, 1.5, 2.5]), spacing, None)
+            memory = np.array([_SWING, _SWING, np.inf])
+            return AttitudeCorrection(np.deg2rad([3.0, 3.0, 2.5]), spacing, None, memory=memory)
         magnitude = np.deg2rad([0.25, 0.25, 1.0])
         if self.gyro is not None:
             magnitude = np.maximum(magnitude, np.minimum(np.median(self.gyro.sigma, axis=0), np.deg2rad(5.0)))
