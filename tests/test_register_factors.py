@@ -25,6 +25,7 @@ from garbi_map.register.factors import (
 )
 from garbi_map.register.motion import Motion, PriorAttitude
 from garbi_map.register.normal_equations import RUN
+from garbi_map.register.sensors import noise_density
 from garbi_map.register.surfels import Surfels, match_surfels
 
 END = 3.0
@@ -145,17 +146,28 @@ def test_the_derivatives_by_the_clocks_are_rates_of_change(name):
     assert rows_of(factor, motion).matrix[:, columns] == pytest.approx(expected, abs=0.05 * np.abs(expected).max())
 
 
-def placed_surfels(motion: Motion) -> tuple[np.ndarray, np.ndarray, Callable[[], np.ndarray], np.ndarray]:
-    """Forty places seen by two sweeps each, a few millimetres apart: times, sweeps, their means as the motion has them,
-    and normals."""
+def placed_surfels(motion: Motion) -> tuple[np.ndarray, np.ndarray, Callable[[], np.ndarray], Callable[[], np.ndarray]]:
+    """Forty places seen by two sweeps each, a few millimetres apart: times, sweeps, their means and their normals as the
+    motion has them."""
     random = np.random.default_rng(9)
     time = random.uniform(0.1, END - 0.1, 80)
     sweep = np.repeat([0, 1], 40)
     place = np.tile(random.uniform(-1.0, 1.0, (40, 3)) - [0.0, 0.0, 1.5], (2, 1)) + random.normal(0, 0.003, (80, 3))
     body = motion.rotation(time).inv().apply(place - motion.position(time))
-    normal = np.tile(random.normal(0, 0.3, (40, 3)) + UP, (2, 1)) + random.normal(0, 0.02, (80, 3))
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    return time, sweep, lambda: motion.rotation(time).apply(body) + motion.position(time), normal
+    normal = np.tile(random.normal(0, 0.3, (40, 3)) + UP, (2, 1))
+    across = motion.rotation(time).inv().apply(normal / np.linalg.norm(normal, axis=1, keepdims=True))
+    return (
+        time,
+        sweep,
+        lambda: motion.rotation(time).apply(body) + motion.position(time),
+        lambda: motion.rotation(time).apply(across),
+    )
+
+
+def along_the_normal(normal: np.ndarray, other: np.ndarray, between: np.ndarray) -> np.ndarray:
+    """How far apart two surfels are along the mean of their normals."""
+    mean = normal + other
+    return np.einsum("nk,nk->n", mean / np.linalg.norm(mean, axis=1, keepdims=True), between)
 
 
 def surfels_of(time: np.ndarray, sweep: np.ndarray, mean: np.ndarray, normal: np.ndarray) -> Surfels:
@@ -163,40 +175,75 @@ def surfels_of(time: np.ndarray, sweep: np.ndarray, mean: np.ndarray, normal: np
 
 
 def test_the_derivatives_of_matches_are_those_of_the_distance_along_the_normal():
-    """Both poses move: each row is d/dx of n . (m_i - m_j), the mean normal held, in every unknown."""
+    """Both poses move and both normals turn: each row is d/dx of n . (m_i - m_j) in every unknown."""
     motion = some_motion(0.0)
-    time, sweep, means, normal = placed_surfels(motion)
-    surfels, rows = surfels_of(time, sweep, means(), normal), Rows(motion.size)
+    time, sweep, means, normals = placed_surfels(motion)
+    surfels, rows = surfels_of(time, sweep, means(), normals()), Rows(motion.size)
     count, distance = add_matches(rows, motion, surfels, 0.05, np.inf, 1e-3)  # type: ignore[arg-type]
     first, second = match_surfels(surfels, 0.05, np.inf)
-    mean_normal = normal[first] + normal[second]
-    mean_normal /= np.linalg.norm(mean_normal, axis=1, keepdims=True)
 
     def residual() -> np.ndarray:
-        moved = means()
-        return np.einsum("nk,nk->n", mean_normal, moved[first] - moved[second])
+        moved, normal = means(), normals()
+        return along_the_normal(normal[first], normal[second], moved[first] - moved[second])
 
     assert count == len(first) >= 40
     assert rows.residual == pytest.approx(residual())
     assert distance == pytest.approx(np.median(np.abs(residual())))
     assert rows.matrix == pytest.approx(by_differences(motion, residual), abs=1e-7)
-    lateral = np.linalg.norm(np.cross(mean_normal, surfels.mean[first] - surfels.mean[second]), axis=1)
-    assert rows.sigmas[0] == pytest.approx(np.hypot(1e-3, 0.03 * lateral), rel=1e-6)
+
+
+def test_a_turn_of_the_whole_map_changes_no_match():
+    """Sweeps say nothing of north: what turns everything rigidly is in the null space of the matches."""
+    motion = some_motion(0.0)
+    time, sweep, means, normals = placed_surfels(motion)
+    rows = Rows(motion.size)
+    add_matches(rows, motion, surfels_of(time, sweep, means(), normals()), 0.05, np.inf, 1e-3)  # type: ignore[arg-type]
+    turn = np.array([0.2, -0.3, 1.0])
+    whole = np.zeros(motion.size)
+    whole[: motion.attitude_offset] = np.cross(turn, motion.position_control).ravel()
+    whole[motion.attitude_offset :][: motion.attitude_control.size] = np.tile(turn, len(motion.attitude_control))
+    assert np.abs(rows.matrix).max() > 0.1
+    assert np.abs(rows.matrix @ whole).max() < 1e-9
+
+
+def test_matches_of_many_views_share_what_they_know():
+    """Five views of one place make ten matches; their weights sum to that of the squares about the views' mean."""
+    motion, views = some_motion(0.0), 5
+    time, sweep = np.linspace(0.2, 1.0, views), np.arange(views)
+    surfels = surfels_of(time, sweep, np.zeros((views, 3)), np.tile(UP, (views, 1)))
+    once, twice = Rows(motion.size), Rows(motion.size)
+    add_matches(once, motion, surfels, 0.05, np.inf, 1e-3)  # type: ignore[arg-type]
+    add_matches(twice, motion, surfels, 0.05, np.inf, 1e-3, looks=2)  # type: ignore[arg-type]
+    assert once.sigmas[0] == pytest.approx(np.full(10, 1e-3 * np.sqrt(views / 2.0)))
+    assert twice.sigmas[0] == pytest.approx(once.sigmas[0] * np.sqrt(2.0))
+
+
+def test_a_match_is_less_sure_the_farther_apart_its_surfels_are_along_the_surface():
+    """A surface leaves its tangent plane: three per cent of the lateral offset."""
+    motion = some_motion(0.0)
+    time, sweep, means, normals = placed_surfels(motion)
+    surfels, rows = surfels_of(time, sweep, means(), normals()), Rows(motion.size)
+    add_matches(rows, motion, surfels, 0.05, np.inf, 1e-3)  # type: ignore[arg-type]
+    first, second = match_surfels(surfels, 0.05, np.inf)
+    between = surfels.mean[first] - surfels.mean[second]
+    away = np.sum(between**2, axis=1) - along_the_normal(surfels.normal[first], surfels.normal[second], between) ** 2
+    alone = np.bincount(np.r_[first, second])
+    lonely = (alone[first] == 1) & (alone[second] == 1)
+    assert lonely.sum() > 20
+    assert rows.sigmas[0][lonely] == pytest.approx(np.sqrt(1e-6 + 0.03**2 * away)[lonely], rel=1e-6)
 
 
 def test_a_settled_surfel_stays_where_it_is():
     """Only the moving one of a pair has derivatives, and two settled ones are not matched at all."""
     motion = some_motion(0.0)
-    time, sweep, means, normal = placed_surfels(motion)
-    everything = surfels_of(time, sweep, means(), normal)
+    time, sweep, means, normals = placed_surfels(motion)
+    everything = surfels_of(time, sweep, means(), normals())
     moving, settled = everything.select(sweep == 0), everything.select(sweep == 1)
     rows = Rows(motion.size)
     count, _ = add_matches(rows, motion, moving, 0.05, np.inf, 1e-3, settled)  # type: ignore[arg-type]
     first, second = match_surfels(everything, 0.05, np.inf)
-    mean_normal = normal[first] + normal[second]
-    mean_normal /= np.linalg.norm(mean_normal, axis=1, keepdims=True)
-    there = everything.mean[second]
-    expected = by_differences(motion, lambda: np.einsum("nk,nk->n", mean_normal, means()[first] - there))
+    there = everything.mean[second], everything.normal[second]
+    expected = by_differences(motion, lambda: along_the_normal(normals()[first], there[1], means()[first] - there[0]))
     assert count == len(first)
     assert rows.matrix == pytest.approx(expected, abs=1e-7)
     nothing = everything.select(np.zeros(len(time), bool))
@@ -262,7 +309,7 @@ def test_a_velocity_full_of_noise_does_not_draw_the_scale():
 
 def test_sigmas_are_taken_from_residuals_within_bounds():
     """A sensor twice as noisy says so; one that is perfect is not believed beyond its floor."""
-    motion, acceleration, bottom_track, height, attitude = measured_by_a_true_motion()
+    motion, acceleration, bottom_track, height, _ = measured_by_a_true_motion()
     for factor, floor in ((acceleration, 0.005), (bottom_track, 0.002), (height, 0.001)):
         factor.reestimate(motion)
         assert factor.sigma == floor
@@ -270,8 +317,15 @@ def test_sigmas_are_taken_from_residuals_within_bounds():
     noisy.height = noisy.height + np.random.default_rng(0).normal(0.0, 0.03, len(noisy.height))
     noisy.reestimate(motion)
     assert noisy.sigma == pytest.approx(0.03, rel=0.05)
-    attitude.reestimate(motion)
-    assert np.deg2rad(0.02) <= attitude.sigma <= np.deg2rad(0.3)
+
+
+def test_the_noise_of_a_gyro_is_seen_beneath_the_motion():
+    """Swaying by degrees per second at 0.3 Hz does not hide a noise of 0.06 degrees per second."""
+    random, t = np.random.default_rng(2), np.arange(0.0, 60.0, 0.01)
+    sway = 4.0 * np.sin(2.0 * np.pi * 0.3 * t)[:, None] * [1.0, -0.5, 0.3]
+    noisy = sway + random.normal(0.0, 0.06, (len(t), 3))
+    assert noise_density(t, noisy) == pytest.approx(0.006, rel=0.05)
+    assert noise_density(t, sway) < 1e-5
 
 
 def test_where_a_sensor_measures_nothing_is_presumed():

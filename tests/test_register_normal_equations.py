@@ -26,7 +26,7 @@ def test_the_solution_is_that_of_dense_least_squares(size, blocks, seed):
     weight = problem.add(residual, sigma, runs)
     assert weight == pytest.approx(1 / sigma**2)
     expected = np.linalg.lstsq(dense / sigma[:, None], -residual / sigma, rcond=None)[0]
-    assert problem.solve() == pytest.approx(expected, abs=1e-5)
+    assert problem.solve() == pytest.approx(expected, rel=1e-5, abs=1e-5)
     assert problem.covariance() == pytest.approx(
         np.linalg.inv(dense.T @ (dense / sigma[:, None] ** 2)), rel=1e-4, abs=1e-6
     )

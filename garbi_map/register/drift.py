@@ -138,7 +138,16 @@ def estimate_drift(
         for fraction in fractions:
             surfels = scans.surfels(motion, sizes[k] * fraction, settings.surfel_points)
             found, distance = add_matches(
-                problem, motion, surfels, gates[k], _REACH[k], sigmas[k], elsewhere, normals, scans.changes, len(fractions)
+                problem,
+                motion,
+                surfels,
+                gates[k],
+                _REACH[k],
+                sigmas[k],
+                elsewhere,
+                normals,
+                scans.changes,
+                len(fractions),
             )
             matches += found
         return problem, matches, distance
@@ -217,5 +226,5 @@ def _map_axes(changes: Changes, motion: Motion, surfels: Surfels) -> dict[str, F
 def _repetition(first: Ints, second: Ints) -> Floats:
     """How many times over (m,) each match says what others say: N views of a place make N (N - 1) / 2 matches, N - 1 of
     them independent, and the sum over all of them is N / 2 times the squares about the mean of the views."""
-    partners = np.bincount(np.concatenate([first, second]))
+    partners = np.bincount(np.concatenate([first, second])).astype(np.float64)
     return 0.5 + 0.25 * (partners[first] + partners[second])

@@ -19,6 +19,8 @@ Floats = NDArray[np.float64]
 
 GRAVITY = np.array([0.0, 0.0, -9.80665])
 _AXES = np.eye(3)
+ASSUMED_RATE_NOISE = np.deg2rad(0.05)
+"""rad/s per root Hz, of an attitude of whose gyro nothing is known."""
 _UNKNOWN_TURNING = np.deg2rad(4.0)
 """Rate, rad/s, at which a vehicle turns of which no sensor tells."""
 _UNKNOWN_SWING = np.deg2rad(6.0)
@@ -89,8 +91,9 @@ class AttitudeCorrection:
     """The correction theta is small and, but for the gyro's bias, changes no faster than the gyro's noise lets it.
 
     magnitude (3,) rad: 1 sigma of the prior attitude about each map axis; memory (3,) s, for how long an error of it
-    lasts, None for ever. gyro (n,) s are the times at which the prior attitude is measured and noise the density of its
-    rate's noise, rad/s per root Hz. Away from them, as everywhere where gyro is None, the vehicle turns as no sensor tells.
+    lasts, for ever where it is None. gyro (n,) s are the times at which the prior attitude is measured, noise the density
+    of its rate's noise, rad/s per root Hz. Away from them, as everywhere where gyro is None, the vehicle turns as no
+    sensor tells.
     """
 
     def __init__(
@@ -98,7 +101,7 @@ class AttitudeCorrection:
         magnitude: Floats,
         spacing: float,
         gyro: Floats | None,
-        noise: float = 0.0,
+        noise: float = ASSUMED_RATE_NOISE,
         memory: Floats | None = None,
     ) -> None:
         self.magnitude, self.spacing, self.gyro = magnitude, spacing, gyro

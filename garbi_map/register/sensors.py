@@ -13,6 +13,7 @@ from garbi_map.navigate import GyroAttitude, Inertial, Trajectory
 from garbi_map.navigate.settings import NavigateSettings
 from garbi_map.register.constants import Constant
 from garbi_map.register.factors import (
+    ASSUMED_RATE_NOISE,
     Acceleration,
     AttitudeCorrection,
     BottomTrack,
@@ -39,8 +40,6 @@ _CONTRADICTION = 0.05
 """m/s between a DVL's ping and the navigation filter, which is less than a current or a fish makes."""
 _UNKNOWN_ACCELERATION = 0.08
 """m/s^2 by which a vehicle accelerates of which no sensor tells."""
-_UNKNOWN_RATE_NOISE = np.deg2rad(0.05)
-"""rad/s per root Hz, of an attitude without a gyro."""
 _LEAST_RATE_NOISE = np.deg2rad(0.003)
 """rad/s per root Hz; a gyro that seems better quantises its readings."""
 _SWING = 2.0
@@ -124,13 +123,17 @@ class Sensors:
         if self.clocks:
             there = {"imu": self.gyro, "dvl": self.log.dvl, "pressure": self.log.pressure}
             out += [Constant(f"{name}_clock", CLOCK_SIGMA, "s") for name, record in there.items() if record is not None]
-        return out + (self.scanner.constants() if self.scanner is not None else [])
+        return out + self._scanner_constants()
+
+    def _scanner_constants(self) -> list[Constant]:
+        """None without a gyro: a turning that no sensor tells can pass for anything that the scanner does."""
+        return self.scanner.constants() if self.scanner is not None and self.gyro is not None else []
 
     @property
     def changes(self) -> Changes | None:
         """What the unknown constants of the scanner do to its points."""
         scanner = self.scanner
-        if scanner is None or not scanner.constants():
+        if scanner is None or not self._scanner_constants():
             return None
         return lambda points, t: scanner.changes(points, self.epoch_ns + np.round(t * 1e9).astype(np.int64))
 
@@ -145,17 +148,13 @@ class Sensors:
         return AttitudeCorrection(magnitude, spacing, self._attitude_times(), self._rate_noise())
 
     def _rate_noise(self) -> float:
-        """Density of the noise of the prior attitude's rate, rad/s per root Hz.
-
-        Fourth differences of the gyro's readings hold its noise and hardly anything of a vehicle's motion; the squares of
-        their binomial weights sum to 70.
-        """
+        """Density of the noise of the prior attitude's rate, rad/s per root Hz."""
         if self.gyro is None or self.inertial is None or self.inertial.rate_known.sum() < 10:
-            return _UNKNOWN_RATE_NOISE
+            return ASSUMED_RATE_NOISE
         known = self.inertial.rate_known
-        noise = 1.4826 * np.median(np.abs(np.diff(self.inertial.rate[known], n=4, axis=0))) / np.sqrt(70.0)
-        step = np.median(np.diff(self.seconds(self.inertial.stamp_ns[known])))
-        return float(max(noise * np.sqrt(step), _LEAST_RATE_NOISE))
+        return max(
+            noise_density(self.seconds(self.inertial.stamp_ns[known]), self.inertial.rate[known]), _LEAST_RATE_NOISE
+        )
 
     def _attitude_times(self) -> Floats:
         """Times (n,) s at which the prior attitude is measured, not held or interpolated."""
@@ -240,3 +239,13 @@ class Sensors:
         there = self.trajectory.at(self.epoch_ns + np.round(t * 1e9).astype(np.int64))
         variance = np.trace(there.covariance[:, :3, :3], axis1=1, axis2=2) / 3.0
         return [Position(t, there.position, float(np.sqrt(np.median(variance)) * np.sqrt(max(len(t) / 4.0, 1.0))))]
+
+
+def noise_density(time: Floats, reading: Floats) -> float:
+    """White noise of a sensor's readings (n, k) at time (n,) s: their unit per root Hz, whatever slow thing they measure.
+
+    Fourth differences hold the noise and hardly anything of a vehicle's motion; the squares of their binomial weights sum
+    to 70.
+    """
+    noise = 1.4826 * np.median(np.abs(np.diff(reading, n=4, axis=0))) / np.sqrt(70.0)
+    return float(noise * np.sqrt(np.median(np.diff(time))))
