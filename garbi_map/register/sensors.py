@@ -23,6 +23,7 @@ from garbi_map.register.factors import (
     Height,
     Nominal,
     Position,
+    far_from,
 )
 from garbi_map.register.motion import PriorAttitude
 from garbi_map.register.scanner import Changes, Scanner
@@ -34,6 +35,8 @@ CLOCK_SIGMA = 0.025
 """s; clocks that nothing synchronises differ by tens of milliseconds."""
 _BIN = 0.04
 """Accelerations are averaged over this many seconds: shorter than the position's knots, longer than the sensor's noise."""
+_TREMBLE = 0.02
+"""s; farther than that from the gyro's readings the navigation filter's attitude is not its."""
 _MOMENT_NS = 50_000_000
 """To either side, over which the navigation filter's velocity is taken."""
 _CONTRADICTION = 0.05
@@ -71,8 +74,17 @@ class Sensors:
 
     @property
     def prior_attitude(self) -> PriorAttitude:
-        """The navigation filter's, whose short-term shape is the gyro's."""
-        return PriorAttitude(self.seconds(self.trajectory.stamp_ns), self.trajectory.quaternion)
+        """The navigation filter's, whose short-term shape is the gyro's; straight on where the gyro is silent.
+
+        There the filter's attitude trembles with every ping of the DVL, which no spline of a second's knots takes back;
+        and where no sensor tells the attitude at all, a level vehicle is a better start.
+        """
+        if not self.attitude_known:
+            heading = self.trajectory.rotation[0].as_euler("ZYX")[0]
+            return PriorAttitude(np.zeros(1), Rotation.from_euler("z", [[heading]]).as_quat())
+        time = self.seconds(self.trajectory.stamp_ns)
+        told = ~far_from(time, self._attitude_times(), _TREMBLE)
+        return PriorAttitude(time[told], self.trajectory.quaternion[told])
 
     @property
     def attitude_known(self) -> bool:
@@ -121,8 +133,9 @@ class Sensors:
         if self.log.dvl is not None or self.log.odometry is not None:
             out.append(Constant("dvl_scale", 0.02, "1"))
         if self.clocks:
-            there = {"imu": self.gyro, "dvl": self.log.dvl, "pressure": self.log.pressure}
-            out += [Constant(f"{name}_clock", CLOCK_SIGMA, "s") for name, record in there.items() if record is not None]
+            # without a gyro the motion between the sweeps is too free to time anything against
+            timed = {"imu": self.gyro, "dvl": self.log.dvl, "pressure": self.log.pressure} if self.gyro else {}
+            out += [Constant(f"{name}_clock", CLOCK_SIGMA, "s") for name, record in timed.items() if record is not None]
         return out + self._scanner_constants()
 
     def _scanner_constants(self) -> list[Constant]:

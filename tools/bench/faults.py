@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -32,61 +33,69 @@ from garbi_map.progress import Silent
 from garbi_map.register import Scanner, register
 from tools.bench.map import score
 
-Fault = Callable[[Navigation], Navigation]
+Fault = tuple[str, Callable[[Any], dict[str, NDArray[Any]]]]
+"""A sensor of Navigation, and which columns of its record become what."""
 BEGIN, LENGTH = 0.4, 0.15
 """Where in the dive a fault lies that does not last: share of its time."""
 
 
+def during(record: Any) -> NDArray[np.bool_]:
+    """Which of a sensor's stamps (n,) lie in the fault."""
+    t = record.stamp_ns
+    share = (t - t[0]) / (t[-1] - t[0])
+    return np.asarray((share > BEGIN) & (share < BEGIN + LENGTH))
+
+
 def late(seconds: float, sensor: str) -> Fault:
     """Stamps of a sensor that are late by so much."""
-    return lambda log: _changed(log, sensor, stamp_ns=getattr(log, sensor).stamp_ns + round(seconds * 1e9))
+    return sensor, lambda record: {"stamp_ns": record.stamp_ns + round(seconds * 1e9)}
 
 
 def silent(seconds: float, sensor: str) -> Fault:
     """A sensor that says nothing for so long."""
 
-    def fault(log: Navigation) -> Navigation:
-        record = getattr(log, sensor)
+    def fault(record: Any) -> dict[str, NDArray[Any]]:
         t = (record.stamp_ns - record.stamp_ns[0]) * 1e-9
         keep = (t < BEGIN * t[-1]) | (t > BEGIN * t[-1] + seconds)
-        columns = {k: v[keep] for k, v in vars(record).items() if isinstance(v, np.ndarray)}
-        return _changed(log, sensor, **columns)
+        return {name: column[keep] for name, column in vars(record).items()}
 
-    return fault
+    return sensor, fault
 
 
-def clipping(log: Navigation) -> Navigation:
+def clipping(imu: Any) -> dict[str, NDArray[Any]]:
     """An IMU whose gyro ends at 60 % of what the dive holds, and whose accelerometer at 90 % of its samples."""
-    most, strongest = 0.6 * np.abs(log.imu.rate).max(), np.quantile(np.abs(log.imu.specific_force).max(axis=1), 0.9)
-    rate, force = np.clip(log.imu.rate, -most, most), np.clip(log.imu.specific_force, -strongest, strongest)
-    return _changed(log, "imu", rate=rate, specific_force=force)
+    most, strongest = 0.6 * np.abs(imu.rate).max(), np.quantile(np.abs(imu.specific_force).max(axis=1), 0.9)
+    return {
+        "rate": np.clip(imu.rate, -most, most),
+        "specific_force": np.clip(imu.specific_force, -strongest, strongest),
+    }
 
 
-def no_lock(log: Navigation) -> Navigation:
+def no_lock(dvl: Any) -> dict[str, NDArray[Any]]:
     """A DVL that loses the bottom: invalid for a seventh of the dive."""
-    return _changed(log, "dvl", velocity=np.where(_during(log, "dvl")[:, None], np.nan, log.dvl.velocity))
+    return {"velocity": np.where(during(dvl)[:, None], np.nan, dvl.velocity)}
 
 
-def water_lock(log: Navigation) -> Navigation:
+def water_lock(dvl: Any) -> dict[str, NDArray[Any]]:
     """A DVL that takes the water, which flows at 30 cm/s, for the bottom, and does not say so."""
-    return _changed(log, "dvl", velocity=log.dvl.velocity + np.where(_during(log, "dvl")[:, None], [0.2, 0.2, 0.05], 0))
+    return {"velocity": dvl.velocity + np.where(during(dvl)[:, None], [0.2, 0.2, 0.05], 0.0)}
 
 
-def outliers(log: Navigation) -> Navigation:
+def outliers(dvl: Any) -> dict[str, NDArray[Any]]:
     """A DVL with one ping in seven off by up to 2 m/s."""
     random = np.random.default_rng(1)
-    wrong = random.random((len(log.dvl.stamp_ns), 1)) < 1 / 7
-    return _changed(log, "dvl", velocity=log.dvl.velocity + wrong * random.uniform(-2, 2, log.dvl.velocity.shape))
+    wrong = random.random((len(dvl.stamp_ns), 1)) < 1 / 7
+    return {"velocity": dvl.velocity + wrong * random.uniform(-2, 2, dvl.velocity.shape)}
 
 
-def iron(log: Navigation) -> Navigation:
+def iron(imu: Any) -> dict[str, NDArray[Any]]:
     """A compass 20 degrees off for a seventh of the dive."""
-    turn = Rotation.from_euler("z", np.where(_during(log, "imu"), np.radians(20.0), 0.0)[:, None])
-    return _changed(log, "imu", attitude=(turn * Rotation.from_quat(log.imu.attitude)).as_quat())
+    turn = Rotation.from_euler("z", np.where(during(imu), np.radians(20.0), 0.0)[:, None])
+    return {"attitude": (turn * Rotation.from_quat(imu.attitude)).as_quat()}
 
 
 FAULTS: dict[str, Fault] = {
-    "as it is": lambda log: log,
+    "as it is": ("imu", lambda imu: {}),
     "IMU 50 ms late": late(0.05, "imu"),
     "IMU 50 ms early": late(-0.05, "imu"),
     "DVL 50 ms late": late(0.05, "dvl"),
@@ -96,11 +105,11 @@ FAULTS: dict[str, Fault] = {
     "DVL silent for 5 s": silent(5.0, "dvl"),
     "pressure silent for 5 s": silent(5.0, "pressure"),
     "encoder silent for 2 s": silent(2.0, "encoder"),
-    "IMU at the end of its range": clipping,
-    "DVL without bottom lock": no_lock,
-    "DVL locked to the water": water_lock,
-    "DVL, 1 ping in 7 wrong": outliers,
-    "compass 20 degrees off": iron,
+    "IMU at the end of its range": ("imu", clipping),
+    "DVL without bottom lock": ("dvl", no_lock),
+    "DVL locked to the water": ("dvl", water_lock),
+    "DVL, 1 ping in 7 wrong": ("dvl", outliers),
+    "compass 20 degrees off": ("imu", iron),
 }
 
 
@@ -139,7 +148,7 @@ def run(folder: Path, name: str) -> Row:
     """One fault: from the sweeps to the trajectory, scored against the truth."""
     truth = read_truth([folder])
     dive = open_dive([folder / "dive.mcap"], Config(), None)
-    dive.navigation = FAULTS[name](dive.navigation)
+    dive.navigation = spoilt(dive.navigation, FAULTS[name])
     with tempfile.TemporaryDirectory() as scratch:
         store = sweeps_of(dive, Path(scratch) / "sweeps", 2, Silent())
         log, config = dive.navigation, dive.config
@@ -151,15 +160,13 @@ def run(folder: Path, name: str) -> Row:
     return Row(name, row.cloud.median_mm, row.cloud.p95_mm, row.ate_mm, said)
 
 
-def _changed(log: Navigation, sensor: str, **columns: Any) -> Navigation:
-    return replace(log, **{sensor: replace(getattr(log, sensor), **columns)})
-
-
-def _during(log: Navigation, sensor: str) -> NDArray[np.bool_]:
-    """Which of a sensor's stamps (n,) lie in the fault."""
-    t = getattr(log, sensor).stamp_ns
-    share = (t - t[0]) / (t[-1] - t[0])
-    return np.asarray((share > BEGIN) & (share < BEGIN + LENGTH))
+def spoilt(log: Navigation, fault: Fault) -> Navigation:
+    """The navigation with the fault."""
+    sensor, change = fault
+    record = getattr(log, sensor)
+    if record is None:
+        sys.exit(f"the dive has no {sensor}")
+    return replace(log, **{sensor: replace(record, **change(record))})
 
 
 if __name__ == "__main__":
