@@ -180,7 +180,7 @@ class TrueSurface:
         import open3d as o3d
 
         probe = (points - self._centre)[self._sample(points)].astype(np.float32)
-        distance = np.sort(self._scene.compute_distance(o3d.core.Tensor(probe)).numpy())
+        distance = np.sort(self._scene.compute_distance(o3d.core.Tensor.from_numpy(probe)).numpy())
         complete = None
         if seen is not None and len(seen):
             complete = 100 * float((cKDTree(points).query(seen)[0] < NEAR).mean())

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from scanned_floor import MOUNTS, PROFILES, RAYS, dive, floor_error, register_dive, true_trajectory
 
 from garbi_map.evaluate import rigid_alignment
+from garbi_map.navigate.kernels import place_points
 from garbi_map.navigate.settings import NavigateSettings
 from garbi_map.register.motion import Motion, PriorAttitude
 from garbi_map.register.sensors import Sensors
@@ -93,4 +94,5 @@ def test_placed_points_are_those_of_rotation_and_position(long_dive):
     motion.attitude_control[:] = random.normal(0, 0.5, motion.attitude_control.shape)
     time = scans.time[scans.profile]
     expected = motion.rotation(time).apply(scans.points) + motion.position(time)
-    assert scans.placed(motion) == pytest.approx(expected, abs=1e-12)
+    matrix, position = motion.rotation(scans.time).as_matrix(), motion.position(scans.time)
+    assert place_points(scans.points, scans.profile, matrix, position) == pytest.approx(expected, abs=1e-12)

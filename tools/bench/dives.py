@@ -49,7 +49,8 @@ class BenchDive:
     def without(self, removed: str, settings: NavigateSettings) -> tuple[Navigation, NavigateSettings]:
         """The measurements that are left, and settings that do not use the attitude where that is removed."""
         gone = REMOVED[removed]
-        left = replace(self.navigation, **{name: None for name in gone if name in SENSORS})
+        none: dict[str, Any] = {name: None for name in gone if name in SENSORS}
+        left = replace(self.navigation, **none)
         return left, settings.model_copy(update={"use_attitude": "attitude" not in gone})
 
 

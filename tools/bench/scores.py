@@ -22,6 +22,8 @@ Floats = NDArray[np.float64]
 
 STEP_NS = 100_000_000
 """Poses this far apart are compared with their covariance."""
+MOST_POINTS = 6_000_000
+"""A cloud of more is thinned before it is measured."""
 
 
 @dataclass(frozen=True)
@@ -90,13 +92,14 @@ class Scorer:
         """The accepted points (n, 3) in the trajectory's map."""
         mount = self._dive.navigation.mount("rig")
         points: list[Floats] = []
+        stride = -(-sum(entry.points for entry in self._dive.store.entries) // MOST_POINTS)
 
         def posed() -> Iterator[tuple[Sweep, Trajectory]]:
             for sweep in self._dive.store:
                 yield sweep, trajectory.at(sweep.stamp_ns).mounted(mount)
 
         def take(accepted: AcceptedPoints) -> None:
-            points.append(accepted.points)
+            points.append(accepted.points[::stride])
 
         build_seabed(posed, self._config.seabed, mount, take)
         return np.concatenate(points)
