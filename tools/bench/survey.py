@@ -112,14 +112,18 @@ def surveyed(minutes: float, scenario: Scenario, work: Path, scored: bool) -> Su
         share = sum(stage.cpu_s for stage in stages) / dive.length
         points = sum(entry.points for entry in dive.store.entries)
         survey = Survey(minutes, len(dive.store), points, begin_mb, stages, share)
-        return replace(survey, **_scores(dive, Path(scratch))) if scored else survey
+        if not scored:
+            return survey
+        score, floor = _scores(dive, Path(scratch))
+        return replace(survey, score=score, floor=floor)
 
 
-def _scores(dive: BenchDive, out: Path) -> dict[str, Score]:
+def _scores(dive: BenchDive, out: Path) -> tuple[Score, Score]:
+    """Of this map, and of the true poses."""
     scorer = Scorer(dive, Config())
     with np.load(out / "trajectory.npz") as file:
         made = Trajectory(*(file[name] for name in ("stamp_ns", "position", "quaternion", "covariance")))
-    return {"score": scorer.score(made, made), "floor": scorer.score(scorer.true)}
+    return scorer.score(made, made), scorer.score(scorer.true)
 
 
 def _in_a_process(handed: Path, sweeps: Path | None, out: Path) -> tuple[float, list[Stage]]:
