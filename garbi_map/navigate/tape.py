@@ -37,7 +37,7 @@ class NodeTape:
         self._count = 0
         coming = iter(nodes)
         try:
-            self._file = tempfile.TemporaryFile()
+            self._file = tempfile.TemporaryFile()  # noqa: SIM115, it lives as long as the tape
             while block := list(islice(coming, _BLOCK)):
                 self._file.write(_records(block).tobytes())
                 self._count += len(block)
