@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import grey_opening, maximum_filter
+from scipy.ndimage import grey_opening, label, maximum_filter
 from scipy.spatial import cKDTree
 
 from garbi_map.evaluate import Truth
@@ -61,7 +61,9 @@ def find_stones(truth: Truth) -> Stones:
     span = round(WIDEST / GRID)
     out = filled - grey_opening(filled, size=(span, span))
     summit = (out == maximum_filter(out, size=span)) & (out > LOWEST) & (out < HIGHEST) & np.isfinite(ground)
-    places = np.stack([xx[summit], yy[summit]], 1)
+    # of neighbours that are equally high the first
+    _, first = np.unique(label(summit, np.ones((3, 3)))[0][summit], return_index=True)
+    places = np.stack([xx[summit], yy[summit]], 1)[first]
     seen = cKDTree(truth.seen[:, :2]).query(places)[0] < 2 * TOP if len(places) else np.zeros(0, bool)
     surface = np.stack([xx.ravel(), yy.ravel(), ground.ravel()], 1)
     heights = _heights(places[seen], surface[np.isfinite(surface[:, 2])])
