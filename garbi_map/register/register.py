@@ -153,7 +153,7 @@ def _trajectory(path: Path, covariance: NDArray[np.float32], epoch_ns: int, stam
     own, sure = (epoch_ns + np.round(t * 1e9).astype(np.int64) for t in (path.time, path.sure))
     place, turn = path.at(path.sure)
     every = np.union1d(own, stamps)
-    position, rotation = path.at((every - epoch_ns) * 1e-9)
+    position, rotation = path.at(np.asarray((every - epoch_ns) * 1e-9, np.float64))
     known = Trajectory(sure, place, turn.as_quat(), covariance).at(every)
     return Trajectory(every, position, rotation.as_quat(), known.covariance)
 
