@@ -18,6 +18,7 @@ from garbi_map.navigate.trajectory import Trajectory
 
 ARM = 1.4  # m; an attitude error of one degree counts as 2.5 cm in the alignment: what it does at the bottom
 GATES = (0.1, 0.03, 0.03, 0.015, 0.015, 0.015)  # m; points farther from the surface do not take part in a round
+LEAST = 0.02  # of the points must be that near, or a round of the alignment is left out: a few fit anything
 SAMPLE = 200_000  # points of the cloud that are measured
 FAR = 0.010  # m; beyond that a point is wrong
 NEAR = 0.005  # m; a place within that of a point is mapped
@@ -168,7 +169,7 @@ class TrueSurface:
             nearest = self._scene.compute_closest_points(o3d.core.Tensor.from_numpy(probe.astype(np.float32)))
             foot, normal = nearest["points"].numpy(), nearest["primitive_normals"].numpy().astype(np.float64)
             use = np.linalg.norm(probe - foot, axis=1) < gate
-            if np.count_nonzero(use) < 6:
+            if np.count_nonzero(use) < max(6, LEAST * len(probe)):
                 continue
             jacobian = np.hstack([np.cross(probe[use], normal[use]), normal[use]])
             step = np.linalg.lstsq(jacobian, -((probe - foot) * normal).sum(1)[use], rcond=None)[0]
