@@ -19,8 +19,7 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 
-from rich.console import Console
-
+from garbi_map.aside import write_text
 from garbi_map.config import Config
 from garbi_map.navigate import Trajectory, navigate
 from garbi_map.register import register
@@ -56,23 +55,28 @@ def main() -> int:
     parser.add_argument("--keep", type=Path, help="folder in which sweeps are kept, to be used again by a later run")
     parser.add_argument("-o", "--out", type=Path, help="folder of the results; the project's own if everything is run")
     arguments = parser.parse_args()
+    out = arguments.out
+    if out is None and not (arguments.dives or arguments.without or arguments.only_this):
+        out = RESULTS
     rows: list[Row] = []
     with tempfile.TemporaryDirectory() as scratch:
         for make in chosen(arguments.dives, arguments.keep or Path(scratch)):
             dive = make(config=Config())
             for row in bench(dive, arguments.without or list(REMOVED), arguments.only_this):
                 rows.append(row)
-                Console(width=200).print("  ".join(columns(row)))
-    out = arguments.out
-    if out is None and not (arguments.dives or arguments.without or arguments.only_this):
-        out = RESULTS
-    if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
-        (out / "drift.md").write_text(markdown(rows))
-        (out / "drift.json").write_text(json.dumps([asdict(row) for row in rows], indent=1) + "\n")
-    else:
+                print("  ".join(columns(row)), flush=True)
+            if out is not None:  # after each dive: all of them take an hour
+                write(out, rows)
+    if out is None:
         print(markdown(rows))
     return 0
+
+
+def write(out: Path, rows: list[Row]) -> None:
+    """drift.json and drift.md."""
+    out.mkdir(parents=True, exist_ok=True)
+    write_text(out / "drift.md", markdown(rows))
+    write_text(out / "drift.json", json.dumps([asdict(row) for row in rows], indent=1) + "\n")
 
 
 def chosen(names: list[str], work: Path) -> Iterator[Callable[..., BenchDive]]:
