@@ -96,7 +96,7 @@ def bench(dive: BenchDive, removals: list[str], only_this: bool) -> Iterator[Row
     config = Config()
     scorer = Scorer(dive, config)
     mount = dive.navigation.mount("rig")
-    floor = scorer.score(scorer.true)
+    floor = scorer.floor()
 
     def row(without: str, method: str, score: Score, begin: float) -> Row:
         ratio = score.cloud.median_mm / floor.cloud.median_mm

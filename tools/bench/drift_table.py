@@ -32,7 +32,7 @@ def columns(row: Row) -> list[str]:
         row.dive, row.without, row.method,
         f"{cloud.median_mm:.3f}", f"{cloud.p95_mm:.3f}", f"{cloud.beyond10_percent:.3f}", _maybe(cloud.complete_percent),
         f"{row.ratio:.2f}", f"{score.ate_mm:.2f}", f"{score.attitude_deg:.3f}",
-        _honesty(score.position), _honesty(score.attitude),
+        with_band(score.position), with_band(score.attitude),
         str(score.stones), _maybe(score.kept_percent), _maybe(score.relief_percent),
         f"{row.cpu_s:.1f}", f"{row.cpu_s / row.length_s:.2f}",
     ]  # fmt: skip
@@ -47,7 +47,7 @@ def markdown(rows: list[Row]) -> str:
         for dive in dict.fromkeys(row.dive for row in ours)
     ]
     honest = [
-        [without, *(_honesty(together(parts)) for parts in _parts(ours, without)), str(_out_of_band(ours, without))]
+        [without, *(with_band(together(parts)) for parts in _parts(ours, without)), str(_out_of_band(ours, without))]
         for without in removals
     ]
     return "\n".join([
@@ -80,7 +80,8 @@ def _maybe(value: float | None) -> str:
     return "" if value is None else f"{value:.1f}"
 
 
-def _honesty(value: Honesty | None) -> str:
+def with_band(value: Honesty | None) -> str:
+    """A normalised error squared and, in brackets, where honest ones are."""
     return "" if value is None else f"{value.nees:.2f} [{value.band[0]:.2f} {value.band[1]:.2f}]"
 
 

@@ -15,6 +15,7 @@ from garbi_map.evaluate import CloudErrors, TrueSurface, rigid_alignment
 from garbi_map.navigate import Trajectory
 from garbi_map.seabed import AcceptedPoints, build_seabed
 from garbi_map.sweep import Sweep
+from garbi_map.sweep.store import SweepStore
 from tools.bench.dives import BenchDive
 from tools.bench.relief import find_stones, kept
 
@@ -64,15 +65,23 @@ class Scorer:
         self._surface = TrueSurface(*dive.truth.surface)
         self._stones = find_stones(dive.truth)
 
-    def score(self, made: Trajectory, covariances: Trajectory | None = None) -> Score:
-        """The figures of a trajectory; covariances: the same poses with the covariance inside the map, if there is one."""
+    def floor(self) -> Score:
+        """The figures of the true poses."""
+        return self.score(self.true, cloud=self._true_cloud)
+
+    def score(self, made: Trajectory, covariances: Trajectory | None = None, cloud: Floats | None = None) -> Score:
+        """The figures of a trajectory.
+
+        covariances: the same poses with the covariance inside the map, if there is one; cloud (n, 3): the accepted points
+        in its map, made here if they are not given.
+        """
         stamps = self._dive.store.stamps()
         stamps = stamps[(stamps >= self.true.stamp_ns[0]) & (stamps <= self.true.stamp_ns[-1])]
         here, there = made.at(stamps), self.true.at(stamps)
         rotation, shift = rigid_alignment(here, there)
         off = there.position - rotation.apply(here.position) - shift
         turned = (there.rotation * (rotation * here.rotation).inv()).magnitude()
-        points = self._surface.aligned(rotation.apply(self._cloud(made)) + shift)
+        points = self._surface.aligned(rotation.apply(self._cloud(made) if cloud is None else cloud) + shift)
         position, attitude = (None, None) if covariances is None else self._honesty(covariances)
         return Score(
             self._surface.errors(points, self._dive.truth.seen),
@@ -86,13 +95,17 @@ class Scorer:
     @cached_property
     def _reference(self) -> Floats:
         """Heights (n,) of the stones in the map of the true poses."""
-        return self._stones.heights_in(self._surface.aligned(self._cloud(self.true)))
+        return self._stones.heights_in(self._surface.aligned(self._true_cloud))
+
+    @cached_property
+    def _true_cloud(self) -> Floats:
+        return self._cloud(self.true)
 
     def _cloud(self, trajectory: Trajectory) -> Floats:
         """The accepted points (n, 3) in the trajectory's map."""
         mount = self._dive.navigation.mount("rig")
         points: list[Floats] = []
-        stride = -(-sum(entry.points for entry in self._dive.store.entries) // MOST_POINTS)
+        stride = thinning(self._dive.store)
 
         def posed() -> Iterator[tuple[Sweep, Trajectory]]:
             for sweep in self._dive.store:
@@ -117,6 +130,11 @@ class Scorer:
             for error, part in ((off, slice(0, 3)), (turned, slice(3, 6)))
         )
         return position, attitude
+
+
+def thinning(store: SweepStore) -> int:
+    """Every how many-th point is measured."""
+    return -(-sum(entry.points for entry in store.entries) // MOST_POINTS)
 
 
 def honesty(error: Floats, covariance: Floats) -> Honesty:

@@ -28,11 +28,12 @@ from garbi_map.export import CloudWriter
 from garbi_map.log import Navigation
 from garbi_map.navigate import Trajectory, navigate
 from garbi_map.register import register
-from garbi_map.seabed import build_seabed
+from garbi_map.seabed import AcceptedPoints, build_seabed
 from garbi_map.sweep import Sweep
 from garbi_map.sweep.store import SweepStore
-from tools.bench.dives import BenchDive, simulated
-from tools.bench.scores import Score, Scorer
+from tools.bench.dives import simulated
+from tools.bench.drift_table import with_band
+from tools.bench.scores import Score, Scorer, thinning
 from tools.simulator.dive import Dive
 from tools.simulator.scenario import Route, Scenario, Seabed, Sway, Water
 
@@ -114,16 +115,11 @@ def surveyed(minutes: float, scenario: Scenario, work: Path, scored: bool) -> Su
         survey = Survey(minutes, len(dive.store), points, begin_mb, stages, share)
         if not scored:
             return survey
-        score, floor = _scores(dive, Path(scratch))
-        return replace(survey, score=score, floor=floor)
-
-
-def _scores(dive: BenchDive, out: Path) -> tuple[Score, Score]:
-    """Of this map, and of the true poses."""
+        with np.load(Path(scratch) / "found.npz") as file:
+            made = Trajectory(*(file[name] for name in ("stamp_ns", "position", "quaternion", "covariance")))
+            cloud = file["cloud"]
     scorer = Scorer(dive, Config())
-    with np.load(out / "trajectory.npz") as file:
-        made = Trajectory(*(file[name] for name in ("stamp_ns", "position", "quaternion", "covariance")))
-    return scorer.score(made, made), scorer.score(scorer.true)
+    return replace(survey, score=scorer.score(made, made, cloud), floor=scorer.floor())
 
 
 def _in_a_process(handed: Path, sweeps: Path | None, out: Path) -> tuple[float, list[Stage]]:
@@ -157,11 +153,17 @@ def run_stages(handed: Path, sweeps: Path | None, out: Path) -> tuple[float, lis
         for sweep in filled:
             yield sweep, inside.at(sweep.stamp_ns).mounted(mount)
 
+    thinned, stride = [], thinning(store)
     with measured("seabed"), CloudWriter(out / "cloud.laz", config.export.cloud_scale) as cloud:
-        build_seabed(posed, config.seabed, mount, cloud.write)
+
+        def take(accepted: AcceptedPoints) -> None:
+            cloud.write(accepted)
+            thinned.append(accepted.points[::stride].astype(np.float32))  # for the score alone
+
+        build_seabed(posed, config.seabed, mount, take)
     np.savez(
-        out / "trajectory.npz", stamp_ns=inside.stamp_ns, position=inside.position, quaternion=inside.quaternion,
-        covariance=inside.covariance,
+        out / "found.npz", stamp_ns=inside.stamp_ns, position=inside.position, quaternion=inside.quaternion,
+        covariance=inside.covariance, cloud=np.concatenate(thinned).astype(np.float64),
     )  # fmt: skip
     return begin_mb, stages
 
@@ -181,8 +183,12 @@ def show(survey: Survey) -> None:
         print(f"  {stage.name}: {stage.cpu_s:.1f} s CPU, peak {stage.peak_mb:.0f} MB")
     for name, score in (("this map", survey.score), ("true poses", survey.floor)):
         if score is not None:
-            print(f"  {name}: {score.cloud.median_mm:.3f} / {score.cloud.p95_mm:.3f} mm")
-            print(f"    {score}")
+            cloud = score.cloud
+            print(
+                f"  {name}: {cloud.median_mm:.3f} / {cloud.p95_mm:.3f} mm, beyond 10 mm {cloud.beyond10_percent:.3f} %, "
+                f"complete {cloud.complete_percent:.1f} %, ATE {score.ate_mm:.2f} mm, NEES position "
+                f"{with_band(score.position)} attitude {with_band(score.attitude)}"
+            )
     sys.stdout.flush()
 
 
