@@ -136,7 +136,9 @@ def run_stages(handed: Path, sweeps: Path | None, out: Path) -> tuple[float, lis
         Path("/proc/self/clear_refs").write_text("5")  # the peak begins anew
         begin = time.process_time()
         yield
-        stages.append(Stage(name, time.process_time() - begin, _resident_mb("VmHWM")))
+        stage = Stage(name, time.process_time() - begin, _resident_mb("VmHWM"))
+        print(f"  {name}: {stage.cpu_s:.1f} s CPU, peak {stage.peak_mb:.0f} MB", flush=True)
+        stages.append(stage)
 
     log: Navigation = pickle.loads(handed.read_bytes())
     store = None if sweeps is None else SweepStore.open(sweeps)
@@ -179,8 +181,6 @@ def show(survey: Survey) -> None:
         f"{survey.minutes:g} min, {survey.sweeps} sweeps, {survey.points / 1e6:.1f} M points, "
         f"{survey.begin_mb:.0f} MB before; all {survey.of_recording:.3f} of the recording"
     )
-    for stage in survey.stages:
-        print(f"  {stage.name}: {stage.cpu_s:.1f} s CPU, peak {stage.peak_mb:.0f} MB")
     for name, score in (("this map", survey.score), ("true poses", survey.floor)):
         if score is not None:
             cloud = score.cloud
