@@ -163,7 +163,8 @@ def _path(
     """
     nodes = base.nodes
     rows = np.union1d(pick(base.seconds, settings.output_rate), nodes)
-    left_error, right_error = smoothed.error, smoothed.error + smoothed.correction
+    left_error = smoothed.error[:, :9]  # position, velocity, attitude
+    right_error = left_error + smoothed.correction[:, :9]
     after = np.clip(np.searchsorted(nodes, rows), 1, len(nodes) - 1)
     start, end = base.seconds[nodes[after - 1]], base.seconds[nodes[after]]
     weight = ((base.seconds[rows] - start) / (end - start))[:, None]
