@@ -174,8 +174,7 @@ def _solve(
         if solution is None:
             solution = Solution(path, surfels)
         else:
-            carried = replace(path, covariance=path.covariance + _carried(solution.path, path))
-            solution.path = _blend(solution.path, carried)
+            solution.path = _blend(solution.path, _inheriting(solution.path, path))
             solution.surfels = join(solution.surfels.without(np.unique(surfels.sweep)), surfels)
         if start is not None:
             known = earliest(solution.surfels, settings.surfel_size, settings.settled_surfels)
@@ -210,11 +209,23 @@ def _sample(motion: Motion, problem: NormalEquations) -> Path:
     return Path(t, motion.position(t), motion.rotation(t).as_quat(), sure, covariance, relative)
 
 
-def _carried(earlier: Path, later: Path) -> NDArray[np.float32]:
+def _inheriting(earlier: Path, later: Path) -> Path:
+    """The later path, which knows its covariance against the earlier one only, with that one's own added.
+
+    Inside the map, too, it is as sure as it is tied to the earlier one, not as its own window is in itself.
+    """
+    return replace(
+        later,
+        covariance=later.covariance + _carried(earlier, earlier.covariance, later),
+        relative=later.covariance + _carried(earlier, earlier.relative, later),
+    )
+
+
+def _carried(earlier: Path, covariance: NDArray[np.float32], later: Path) -> NDArray[np.float32]:
     """What (k, 6, 6) the later path inherits: the earlier one's covariance in the middle of what they share, as that of a
     rigid motion of all that comes after."""
     middle = np.array([0.5 * (later.time[0] + earlier.time[-1])])
-    there = earlier.covariance[np.searchsorted(earlier.sure, middle[0])]
+    there = covariance[np.searchsorted(earlier.sure, middle[0])]
     x, y, z = (later.at(later.sure)[0] - earlier.at(middle)[0]).T
     zero = np.zeros_like(x)
     motion = np.tile(np.eye(6), (len(x), 1, 1))
