@@ -18,14 +18,14 @@ class Trajectory:
     stamp_ns    (n,) int64
     position    (n, 3) m
     quaternion  (n, 4) xyzw
-    covariance  (n, 6, 6) of (position error m, rotation error rad), both in the map frame:
+    covariance  (n, 6, 6), float32 in long ones, of (position error m, rotation error rad), both in the map frame:
                 true = position + dp, true = exp(dtheta) * attitude
     """
 
     stamp_ns: Stamps
     position: Floats
     quaternion: Floats
-    covariance: Floats
+    covariance: NDArray[np.floating]
 
     @property
     def rotation(self) -> Rotation:
@@ -43,7 +43,7 @@ class Trajectory:
         w1, w2 = weight[:, None], weight[:, None, None]
         covariance = self.covariance[before]
         change = self.covariance[after]
-        change -= covariance  # in place: an hour's covariances are 100 MB
+        change -= covariance  # in place: an hour's covariances are 50 MB
         change *= w2
         covariance += change
         start = Rotation.from_quat(self.quaternion[before])

@@ -68,11 +68,6 @@ class Scans:
             points = points + constants.number(name) * change
         return points
 
-    def placed(self, motion: Motion) -> Floats:
-        """The points (n, 3) in the map as the motion has them."""
-        matrix, position = motion.rotation(self.time).as_matrix(), motion.position(self.time)
-        return place_points(self.as_known(motion.constants), self.profile, matrix, position)
-
     def surfels(self, motion: Motion, size: float, fewest: int) -> Surfels:
         """Surfels of every sweep as the motion has them; two threads take half of the sweeps each."""
         matrix, viewpoint = motion.rotation(self.time).as_matrix(), motion.position(self.time)

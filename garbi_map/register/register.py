@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -34,6 +34,8 @@ _ATTEMPTS = 4
 """At setting clocks right: what is left after two is less than what can be seen."""
 _NEIGHBOUR = np.array([0.004, 0.004, 0.004, 0.002, 0.002, 0.002])
 """How much the drift changes between neighbouring sweeps after the near rounds, 1 sigma, m and rad."""
+_COMPARED = 100_000
+"""Surfels that are compared with others to tell how much sweeps disagree."""
 
 
 @dataclass(frozen=True)
@@ -162,9 +164,7 @@ def _apply(path: Path, surfels: Surfels, corrections: list[Floats]) -> Path:
     turn = Slerp(middle, Rotation.from_matrix(transforms[:, :3, :3]))(t)
     moved = np.stack([np.interp(t, middle, column) for column in shift.T], axis=1)
     position = turn.apply(path.position - centre) + centre + moved
-    return Path(
-        path.time, position, (turn * Rotation.from_quat(path.quaternion)).as_quat(), path.covariance, path.relative
-    )
+    return replace(path, position=position, quaternion=(turn * Rotation.from_quat(path.quaternion)).as_quat())
 
 
 def _steps(surfels: Surfels, corrections: list[Floats]) -> Floats:
@@ -188,18 +188,26 @@ def _placed_by(prior: Trajectory, near: Solution, sensors: Sensors) -> Surfels:
 
 
 def _disagreement(surfels: Surfels) -> float:
-    """Median point-to-plane distance, m, of surfels of different sweeps that lie within 5 cm of each other."""
-    first, second = match_surfels(surfels, 0.05, np.inf)
+    """Median point-to-plane distance, m, of surfels of different sweeps that lie within 5 cm of each other.
+
+    Of many surfels some, evenly drawn, are compared with all."""
+    asked = np.zeros(len(surfels.mean), bool)
+    asked[:: len(asked) // _COMPARED + 1] = True
+    first, second = match_surfels(surfels, 0.05, np.inf, asked)
     if len(first) == 0:
         return float("nan")
     between = surfels.mean[first] - surfels.mean[second]
     return float(np.median(np.abs(np.einsum("nk,nk->n", between, surfels.normal[first]))))
 
 
-def _trajectory(path: Path, covariance: Floats, epoch_ns: int, stamps: NDArray[np.int64]) -> Trajectory:
-    own = epoch_ns + np.round(path.time * 1e9).astype(np.int64)
-    dense = Trajectory(own, path.position, path.quaternion, covariance)
-    return dense.at(np.union1d(own, stamps))
+def _trajectory(path: Path, covariance: NDArray[np.float32], epoch_ns: int, stamps: NDArray[np.int64]) -> Trajectory:
+    """The path's own instants and the stamps; covariance (k, 6, 6) is that at the path's `sure` times."""
+    own, sure = (epoch_ns + np.round(t * 1e9).astype(np.int64) for t in (path.time, path.sure))
+    place, turn = path.at(path.sure)
+    every = np.union1d(own, stamps)
+    position, rotation = path.at(np.asarray((every - epoch_ns) * 1e-9, np.float64))
+    known = Trajectory(sure, place, turn.as_quat(), covariance).at(every)
+    return Trajectory(every, position, rotation.as_quat(), known.covariance)
 
 
 def _constants(solution: Solution) -> dict[str, Any]:
