@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 def about_map(dive: Dive, built: Map) -> str:
     """Markdown: what the map is worth, and what the screen shows."""
-    before, after = (1e3 * distance for distance in built.registered.disagreement)
+    before, after = (1e3 * distance for distance in built.registered.agreement.median)
     seconds = (dive.log.end_ns - dive.log.begin_ns) * 1e-9
     overlap = "No two sweeps of the laser overlap, so that nothing checks the path."
     if np.isfinite([before, after]).all():

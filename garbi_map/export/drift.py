@@ -1,0 +1,114 @@
+"""The drift that was found, drawn: this map's trajectory less the navigation filter's, over time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from garbi_map.export.axes import BOTTOM, WIDTH, Axes, path_of, thinned, ticks
+from garbi_map.navigate.trajectory import Trajectory
+
+Floats = NDArray[np.float64]
+
+_HALF = WIDTH // 2 - 10
+_LEFT = 56
+
+
+@dataclass(frozen=True)
+class Correction:
+    """What the map corrected at each pose.
+
+    stamp_ns (n,); position (n, 3) m along the map's axes; attitude (n, 3) rad about the vehicle's axes: roll, pitch, yaw;
+    position_sigma and attitude_sigma (n, 3): what the navigation filter thought of itself, 1 sigma, along the same axes.
+    """
+
+    stamp_ns: NDArray[np.int64]
+    position: Floats
+    attitude: Floats
+    position_sigma: Floats
+    attitude_sigma: Floats
+
+    @property
+    def distance(self) -> float:
+        """Root mean square of the position's correction, m."""
+        return float(np.sqrt((self.position**2).sum(axis=1).mean()))
+
+    @property
+    def turn(self) -> float:
+        """Root mean square of the attitude's correction, rad."""
+        return float(np.sqrt((self.attitude**2).sum(axis=1).mean()))
+
+
+def correction(navigation: Trajectory, trajectory: Trajectory) -> Correction:
+    """The correction at some hundreds of the map's poses."""
+    stamps = thinned(trajectory.stamp_ns)
+    before, after = navigation.at(stamps), trajectory.at(stamps)
+    body = before.rotation.inv()
+    turned = body.as_matrix()
+    along = np.einsum("nij,njk,nlk->nil", turned, before.covariance[:, 3:, 3:], turned)
+    return Correction(
+        stamps,
+        after.position - before.position,
+        (body * after.rotation).as_rotvec(),
+        np.sqrt(np.maximum(np.diagonal(before.covariance[:, :3, :3], axis1=1, axis2=2), 0.0)),
+        np.sqrt(np.maximum(np.diagonal(along, axis1=1, axis2=2), 0.0)),
+    )
+
+
+def draw_correction(found: Correction, begin_ns: int) -> str:
+    """Six small charts: x, y, z in one scale on the left, roll and pitch in one and yaw in its own on the right."""
+    seconds = (found.stamp_ns - begin_ns) * 1e-9
+    unit, scale = ("m", 1.0) if np.abs(found.position).max() > 1 else ("cm", 100.0)
+    position, place_sigma = scale * found.position, scale * found.position_sigma
+    degrees, turn_sigma = np.rad2deg(found.attitude), np.rad2deg(found.attitude_sigma)
+    place = _reach(position)
+    tilt, yaw = _reach(degrees[:, :2]), _reach(degrees[:, 2:])
+    columns = (
+        [(name, position[:, k], place_sigma[:, k], place, unit) for k, name in enumerate("xyz")],
+        [
+            (name, degrees[:, k], turn_sigma[:, k], reach, "°")
+            for k, (name, reach) in enumerate((("roll", tilt), ("pitch", tilt), ("yaw", yaw)))
+        ],
+    )
+    drawn = (
+        "".join(_panel(*panel, seconds, last=number == 2) for number, panel in enumerate(column)) for column in columns
+    )
+    return "".join(f"<div>{column}</div>" for column in drawn)
+
+
+def draw_steps(middle_s: Sequence[float], step_m: Floats) -> str:
+    """How far the pose graph moved each sweep, bars over time. Empty where there are no sweeps."""
+    if not len(middle_s):
+        return ""
+    millimetres = 1e3 * np.asarray(step_m)[: len(middle_s)]
+    gap = float(np.median(np.diff(middle_s))) if len(middle_s) > 1 else 1.0
+    axes = Axes((middle_s[0] - gap, middle_s[-1] + gap), (0.0, 1.15 * max(float(millimetres.max()), 1e-3)), 170)
+    axes.grid("s since the begin of the log", "moved, mm")
+    floor = float(axes.down(0.0))
+    wide = max(0.7 * float(axes.across(gap) - axes.across(0.0)), 0.8)
+    for at, height in zip(axes.across(np.asarray(middle_s)), axes.down(millimetres), strict=True):
+        axes.bar(at - wide / 2, height, wide, floor - height)
+    return axes.svg("How far the pose graph moved each sweep")
+
+
+def _reach(values: Floats) -> float:
+    """What an axis must span on either side of zero."""
+    return 1.15 * max(float(np.abs(values).max(initial=0.0)), 1e-3)
+
+
+def _panel(
+    name: str, values: Floats, sigma: Floats, reach: float, unit: str, seconds: Floats, last: bool
+) -> str:
+    """One curve about zero; the shade is 1 sigma, cut at the edge of the chart."""
+    below = BOTTOM if last else 8
+    axes = Axes((seconds[0], max(seconds[-1], seconds[0] + 1e-3)), (-reach, reach), 96 + below, _LEFT, _HALF, 8, below)
+    blank = [(value, "") for value, _ in ticks(*axes.x, 4)]
+    axes.grid("s since the begin of the log" if last else "", f"{name}, {unit}", None if last else blank, ticks(*axes.y, 5))
+    across, edge = axes.across(seconds), np.minimum(sigma, reach)
+    outline = np.r_[np.c_[across, axes.down(edge)], np.c_[across, axes.down(-edge)][::-1]]
+    axes.parts.append(f'<path class="s f" d="{path_of(outline)}Z"/>')
+    axes.parts.append(f'<path class="a l" d="{path_of(np.c_[across, axes.down(values)])}"/>')
+    return axes.svg(f"Correction of {name} over time")
