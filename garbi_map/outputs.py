@@ -152,7 +152,13 @@ def _residuals(built: Map) -> list[Quantity]:
             unit="m",
             note="rms between the navigation filter's and this trajectory",
         ),
-        Quantity(name="attitude drift found", value=float(np.rad2deg(found.turn)), unit="deg", note="rms, likewise"),
+        Quantity(name="attitude drift found", value=float(np.rad2deg(found.angle)), unit="deg", note="rms, likewise"),
+        Quantity(
+            name="heading against the navigation filter",
+            value=float(np.rad2deg(found.heading)),
+            unit="deg",
+            note="one turn of the whole map, not counted as drift",
+        ),
         Quantity(
             name="largest step of the pose graph", value=1e3 * float(registered.graph_step.max(initial=0.0)), unit="mm"
         ),

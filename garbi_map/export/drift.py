@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from garbi_map.export.axes import BOTTOM, WIDTH, Axes, path_of, thinned, ticks
 from garbi_map.navigate.trajectory import Trajectory
@@ -19,10 +20,11 @@ _LEFT = 56
 
 @dataclass(frozen=True)
 class Correction:
-    """What the map corrected at each pose.
+    """What the map corrected at each pose, but for one constant turn about the vertical, which is no drift.
 
-    stamp_ns (n,); position (n, 3) m along the map's axes; attitude (n, 3) rad about the vehicle's axes: roll, pitch, yaw;
-    position_sigma and attitude_sigma (n, 3): what the navigation filter thought of itself, 1 sigma, along the same axes.
+    stamp_ns (n,); position (n, 3) m along the map's axes; attitude (n, 3) rad: roll, pitch, yaw, about the axes of the
+    vehicle's heading, so that a wrong heading does not show as roll and pitch; position_sigma and attitude_sigma (n, 3): what
+    the navigation filter thought of itself, 1 sigma, along the same axes. heading rad: the constant turn.
     """
 
     stamp_ns: NDArray[np.int64]
@@ -30,6 +32,7 @@ class Correction:
     attitude: Floats
     position_sigma: Floats
     attitude_sigma: Floats
+    heading: float
 
     @property
     def distance(self) -> float:
@@ -37,7 +40,7 @@ class Correction:
         return float(np.sqrt((self.position**2).sum(axis=1).mean()))
 
     @property
-    def turn(self) -> float:
+    def angle(self) -> float:
         """Root mean square of the attitude's correction, rad."""
         return float(np.sqrt((self.attitude**2).sum(axis=1).mean()))
 
@@ -46,16 +49,26 @@ def correction(navigation: Trajectory, trajectory: Trajectory) -> Correction:
     """The correction at some hundreds of the map's poses."""
     stamps = thinned(trajectory.stamp_ns)
     before, after = navigation.at(stamps), trajectory.at(stamps)
-    body = before.rotation.inv()
-    turned = body.as_matrix()
-    along = np.einsum("nij,njk,nlk->nil", turned, before.covariance[:, 3:, 3:], turned)
+    heading = float(np.mean((after.rotation * before.rotation.inv()).as_rotvec()[:, 2]))
+    turn = Rotation.from_rotvec([0.0, 0.0, heading])
+    turned = turn * before.rotation
+    start = before.position[0]
+    forward = turned.as_matrix()[:, :2, 0]
+    level = Rotation.from_rotvec(-np.arctan2(forward[:, 1], forward[:, 0])[:, None] * [0.0, 0.0, 1.0])
     return Correction(
         stamps,
-        after.position - before.position,
-        (body * after.rotation).as_rotvec(),
-        np.sqrt(np.maximum(np.diagonal(before.covariance[:, :3, :3], axis1=1, axis2=2), 0.0)),
-        np.sqrt(np.maximum(np.diagonal(along, axis1=1, axis2=2), 0.0)),
+        after.position - start - turn.apply(before.position - start),
+        level.apply((after.rotation * turned.inv()).as_rotvec()),
+        _sigma(before.covariance[:, :3, :3], turn),
+        _sigma(before.covariance[:, 3:, 3:], level * turn),
+        heading,
     )
+
+
+def _sigma(covariance: Floats, turn: Rotation) -> Floats:
+    """1 sigma (n, 3) along the axes of a turned frame."""
+    matrix = np.broadcast_to(turn.as_matrix(), covariance.shape)
+    return np.sqrt(np.maximum(np.einsum("nij,njk,nik->ni", matrix, covariance, matrix), 0.0))
 
 
 def draw_correction(found: Correction, begin_ns: int) -> str:
@@ -79,18 +92,17 @@ def draw_correction(found: Correction, begin_ns: int) -> str:
     return "".join(f"<div>{column}</div>" for column in drawn)
 
 
-def draw_steps(middle_s: Sequence[float], step_m: Floats) -> str:
-    """How far the pose graph moved each sweep, bars over time. Empty where there are no sweeps."""
-    if not len(middle_s):
+def draw_steps(sweeps: Sequence[tuple[float, float]], step_m: Floats) -> str:
+    """How far the pose graph moved each sweep: bars from its begin to its end, s. Empty where there are no sweeps."""
+    if not sweeps:
         return ""
-    millimetres = 1e3 * np.asarray(step_m)[: len(middle_s)]
-    gap = float(np.median(np.diff(middle_s))) if len(middle_s) > 1 else 1.0
-    axes = Axes((middle_s[0] - gap, middle_s[-1] + gap), (0.0, 1.15 * max(float(millimetres.max()), 1e-3)), 170)
+    height = 1e3 * step_m[: len(sweeps)]
+    begin, end = (np.array(edge) for edge in zip(*sweeps[: len(height)], strict=True))
+    axes = Axes((begin.min(), max(end.max(), begin.min() + 1e-3)), (0.0, 1.15 * max(float(height.max()), 1e-3)), 170)
     axes.grid("s since the begin of the log", "moved, mm")
-    floor = float(axes.down(0.0))
-    wide = max(0.7 * float(axes.across(gap) - axes.across(0.0)), 0.8)
-    for at, height in zip(axes.across(np.asarray(middle_s)), axes.down(millimetres), strict=True):
-        axes.bar(at - wide / 2, height, wide, floor - height)
+    floor, left, right, top = axes.down(0.0), axes.across(begin), axes.across(end), axes.down(height)
+    for x0, x1, y in zip(left, right, top, strict=True):
+        axes.bar(x0, y, max(x1 - x0 - 1.0, 0.5), floor - y)
     return axes.svg("How far the pose graph moved each sweep")
 
 

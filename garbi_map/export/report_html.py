@@ -135,14 +135,15 @@ def _maps(seabed: Seabed, settings: ExportSettings) -> dict[str, str]:
 
 def _drift(found: Correction, registered: Registered, report: Report) -> dict[str, str]:
     """The correction over time, the pose graph's steps, and both in words."""
-    middles = [(span.begin_s + span.end_s) / 2 for span in report.timeline if span.lane == "sweeps"]
+    sweeps = [(span.begin_s, span.end_s) for span in report.timeline if span.lane == "sweeps"]
     position, turn = (np.median(sigma, axis=0).max() for sigma in (found.position_sigma, found.attitude_sigma))
     largest = float(registered.graph_step.max(initial=0.0))
     loops = f"{many(registered.loops, 'loop was', 'loops were')} closed" if registered.loops else "no loop was closed"
     return {
         "drift": draw_correction(found, report.source.begin_ns),
+        "heading": escape(angle(abs(np.rad2deg(found.heading)))),
         "drift_sigma": escape(f"{length(position)} and {angle(np.rad2deg(turn))}"),
-        "steps": draw_steps(middles, registered.graph_step),
+        "steps": draw_steps(sweeps, registered.graph_step),
         "loops": escape(f"{loops.capitalize()}; the pose graph moved no sweep by more than {length(largest)}."),
     }
 
@@ -205,10 +206,16 @@ def _table(entries: dict[str, int] | dict[str, str]) -> str:
 
 def _quantities(quantities: list[Quantity]) -> str:
     return "".join(
-        f"<tr><td>{escape(q.name)}</td><td class=r>{'–' if q.value is None else f'{q.value:.4g}'}</td>"
+        f"<tr><td>{escape(q.name)}</td><td class=r>{_number(q.value)}</td>"
         f"<td>{escape(q.unit)}</td><td class=note>{escape(q.note)}</td></tr>"
         for q in quantities
     )
+
+
+def _number(value: float | None) -> str:
+    if value is None or not np.isfinite(value):
+        return "–"
+    return f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.4g}"
 
 
 def _timings(seconds: dict[str, float]) -> str:

@@ -40,7 +40,7 @@ def weak_places(seabed: Seabed, agreement: Agreement, widest_hole: float) -> lis
         share = np.count_nonzero(mask) / max(np.count_nonzero(among), 1)
         if share >= _WORTH_A_LINE:
             shown = f"{percent(share)} of the area ({area(mask, seabed)})"
-            lines.append(f"{shown} {text}, {where(mask, among)}{why}.")
+            lines.append(f"{shown} {text}, {where(mask, among, inside)}{why}.")
 
     tell(known & (sweeps_about(seabed) < 2), known, "was seen by one sweep only", ": nothing checks the path there")
     limit = _UNSURE * float(np.median(seabed.uncertainty[known]))
@@ -49,13 +49,13 @@ def weak_places(seabed: Seabed, agreement: Agreement, widest_hole: float) -> lis
     tell(unsure, known, f"is less sure than {length(limit)} (three times the median, 1 sigma)")
     holes = holes_inside(seabed, inside, widest_hole)
     tell(holes, inside, "inside the outline was not seen", _largest(holes, seabed))
-    lines += _apart(seabed, agreement)
+    lines += _apart(seabed, agreement, inside)
     few = known & (seabed.density < _FEW_POINTS)
     share = np.count_nonzero(few) / np.count_nonzero(known)
     if share > 1 - _ASKED_SHARE:
         lines.append(
             f"{percent(share)} of the cells of {length(seabed.cell)} hold fewer than {_FEW_POINTS} points "
-            f"(surveyors ask for {_FEW_POINTS} in {percent(_ASKED_SHARE)} of them), {where(few, known)}."
+            f"(surveyors ask for {_FEW_POINTS} in {percent(_ASKED_SHARE)} of them), {where(few, known, inside)}."
         )
     return lines
 
@@ -92,20 +92,24 @@ def holes_inside(seabed: Seabed, inside: Mask, widest_hole: float) -> Mask:
     return inside & ~np.isfinite(filled)
 
 
-def where(mask: Mask, among: Mask) -> str:
-    """In words, in which part of the cells `among` most of those of a mask lie."""
+def where(mask: Mask, among: Mask, inside: Mask) -> str:
+    """In words, in which part of the cells `among` those of a mask are: where most are that are not everywhere.
+
+    inside: the cells of the outline, which tells the rim from the middle.
+    """
     share, usual = _ninths(mask, among), _ninths(among, among)
     row, column = np.unravel_index(np.argmax(share), share.shape)
     if share[row, column] >= 0.5 and share[row, column] >= 2 * usual[row, column]:
         side = _SIDES[row][column]
         return f"mostly {'at' if 'edge' in side else 'in'} the {side}"
     for axis, names in ((1, _BANDS), (0, _COLUMNS)):
-        sums, expected = share.sum(axis=axis), usual.sum(axis=axis)
+        sums, normal = share.sum(axis=axis), usual.sum(axis=axis)
         best = int(np.argmax(sums))
-        if sums[best] >= 0.7 and sums[best] >= 1.6 * expected[best]:
+        if sums[best] >= 0.7 and sums[best] >= 1.6 * normal[best]:
             return f"mostly in the {names[best]}"
-    rim = _rim(among)
-    if np.count_nonzero(mask & rim) >= 0.7 * np.count_nonzero(mask):
+    rim = _rim(inside)
+    outer, expected = (np.count_nonzero(cells & rim) / max(np.count_nonzero(cells), 1) for cells in (mask, among))
+    if outer >= 0.6 and outer >= 1.5 * expected:
         return "mostly along the rim"
     return "spread over the map"
 
@@ -116,7 +120,7 @@ def area(mask: Mask, seabed: Seabed) -> str:
     return f"{square:.2g} m²" if square >= 0.1 else f"{1e4 * square:.2g} cm²" if square < 0.01 else f"{1e4 * square:.0f} cm²"
 
 
-def _apart(seabed: Seabed, agreement: Agreement) -> list[str]:
+def _apart(seabed: Seabed, agreement: Agreement, inside: Mask) -> list[str]:
     """Where sweeps that overlap lie farther apart than elsewhere."""
     if not len(agreement.after):
         return ["No two sweeps overlap: nothing checks the path anywhere."]
@@ -132,7 +136,7 @@ def _apart(seabed: Seabed, agreement: Agreement) -> list[str]:
         return []
     return [
         f"Sweeps lie more than {length(limit)} apart (five times the median) in {percent(share)} of the places where "
-        f"they overlap, {where(*both)}."
+        f"they overlap, {where(*both, inside)}."
     ]
 
 
@@ -157,9 +161,9 @@ def _ninths(mask: Mask, among: Mask) -> NDArray[np.float64]:
     return np.array(counts, float) / max(np.count_nonzero(box), 1)
 
 
-def _rim(among: Mask) -> Mask:
+def _rim(inside: Mask) -> Mask:
     """The outer fifth of an area, seen from its edge to its middle."""
     import cv2
 
-    depth = cv2.distanceTransform(np.pad(among.astype(np.uint8), 1), cv2.DIST_L2, 3)[1:-1, 1:-1]
-    return among & (depth <= 0.2 * depth.max())
+    depth = cv2.distanceTransform(np.pad(inside.astype(np.uint8), 1), cv2.DIST_L2, 3)[1:-1, 1:-1]
+    return inside & (depth <= 0.2 * depth.max())
