@@ -33,6 +33,7 @@ from garbi_map.register import ENTROPY_RADIUS
 from garbi_map.seabed import triangulate
 from garbi_map.sweep.store import SweepStore
 from garbi_map.timeline import timeline
+from garbi_map.words import many
 
 if TYPE_CHECKING:
     from garbi_map.dive import Dive, Map
@@ -100,8 +101,7 @@ def make_report(dive: Dive, store: SweepStore, built: Map) -> Report:
     log = dive.log
     entries = store.entries
     blank = sum(entry.blank for entry in entries)
-    shows = "image shows" if blank == 1 else "images show"
-    dark = [f"{blank} {shows} no laser: it was off, hidden or out of range"] if blank else []
+    dark = [f"{many(blank, 'image')} without the laser: it was off, hidden or out of range"] if blank else []
     left_out = [*dive.left_out, *dark, *built.navigated.report.get("notes", [])]
     return Report(
         title=dive.paths[0].stem,

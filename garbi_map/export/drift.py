@@ -23,8 +23,8 @@ class Correction:
     """What the map corrected at each pose, but for one constant turn about the vertical, which is no drift.
 
     stamp_ns (n,); position (n, 3) m along the map's axes; attitude (n, 3) rad: roll, pitch, yaw, about the axes of the
-    vehicle's heading, so that a wrong heading does not show as roll and pitch; position_sigma and attitude_sigma (n, 3): what
-    the navigation filter thought of itself, 1 sigma, along the same axes. heading rad: the constant turn.
+    vehicle's heading, so that a wrong heading does not show as roll and pitch; position_sigma and attitude_sigma (n, 3):
+    what the navigation filter thought of itself, 1 sigma, along the same axes. heading rad: the constant turn.
     """
 
     stamp_ns: NDArray[np.int64]
@@ -73,7 +73,7 @@ def _sigma(covariance: Floats, turn: Rotation) -> Floats:
 
 def draw_correction(found: Correction, begin_ns: int) -> str:
     """Six small charts: x, y, z in one scale on the left, roll and pitch in one and yaw in its own on the right."""
-    seconds = (found.stamp_ns - begin_ns) * 1e-9
+    seconds = (found.stamp_ns - begin_ns).astype(np.float64) * 1e-9
     unit, scale = ("m", 1.0) if np.abs(found.position).max() > 1 else ("cm", 100.0)
     position, place_sigma = scale * found.position, scale * found.position_sigma
     degrees, turn_sigma = np.rad2deg(found.attitude), np.rad2deg(found.attitude_sigma)
@@ -111,14 +111,14 @@ def _reach(values: Floats) -> float:
     return 1.15 * max(float(np.abs(values).max(initial=0.0)), 1e-3)
 
 
-def _panel(
-    name: str, values: Floats, sigma: Floats, reach: float, unit: str, seconds: Floats, last: bool
-) -> str:
+def _panel(name: str, values: Floats, sigma: Floats, reach: float, unit: str, seconds: Floats, last: bool) -> str:
     """One curve about zero; the shade is 1 sigma, cut at the edge of the chart."""
     below = BOTTOM if last else 8
     axes = Axes((seconds[0], max(seconds[-1], seconds[0] + 1e-3)), (-reach, reach), 96 + below, _LEFT, _HALF, 8, below)
     blank = [(value, "") for value, _ in ticks(*axes.x, 4)]
-    axes.grid("s since the begin of the log" if last else "", f"{name}, {unit}", None if last else blank, ticks(*axes.y, 5))
+    axes.grid(
+        "s since the begin of the log" if last else "", f"{name}, {unit}", None if last else blank, ticks(*axes.y, 5)
+    )
     across, edge = axes.across(seconds), np.minimum(sigma, reach)
     outline = np.r_[np.c_[across, axes.down(edge)], np.c_[across, axes.down(-edge)][::-1]]
     axes.parts.append(f'<path class="s f" d="{path_of(outline)}Z"/>')

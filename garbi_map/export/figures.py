@@ -94,7 +94,9 @@ def histograms(title: str, entries: Sequence[tuple[str, NDArray, str]], x_label:
     least = min((float(np.median(values)) for _, values, _ in kept if len(values)), default=0.0)
     for (label, values, style), share in zip(kept, shares, strict=True):
         steps = np.c_[across, axes.down(np.r_[0.0, np.repeat(share, 2), 0.0])]
-        axes.parts.append(f'<path class="{style} f" d="{path_of(steps)}Z"/><path class="{style} l" d="{path_of(steps)}"/>')
+        axes.parts.append(
+            f'<path class="{style} f" d="{path_of(steps)}Z"/><path class="{style} l" d="{path_of(steps)}"/>'
+        )
         if not len(values):
             continue
         middle = float(np.median(values))

@@ -83,8 +83,8 @@ def sweeps_map(title: str, sweeps: NDArray[np.int32], holes: Mask, seabed: Seabe
     hole, _ = fitted(holes.astype(np.float32), seabed.cell, _PIXELS)
     share, _ = fitted((seabed.known | holes).astype(np.float32), seabed.cell, _PIXELS)
     picture = colours[np.searchsorted(_CLASSES, np.round(np.nan_to_num(count)), side="right") - 1]
-    picture = np.where((hole >= 0.5)[..., None], np.uint8(_HOLE), picture)
-    picture = np.where((share > 0)[..., None], picture, np.uint8(VOID))
+    picture = np.where((hole >= 0.5)[..., None], np.array(_HOLE, np.uint8), picture)
+    picture = np.where((share > 0)[..., None], picture, np.array(VOID, np.uint8))
     used = [(text, tuple(colours[k])) for k, text in enumerate(_CLASS_NAMES) if _CLASSES[k] <= seabed.sweeps.max()]
     return _drawn(title, picture, _extent(seabed), _classes(used, "sweeps"))
 
@@ -142,14 +142,20 @@ def _ramp(scale: Scale, unit: str) -> list[str]:
     """The scale's colours with values below, 240 wide."""
     steps = 60
     shares = (np.arange(steps) + 0.5) / steps
-    values = scale.low * (scale.high / scale.low) ** shares if scale.logarithmic else scale.low + shares * (scale.high - scale.low)
+    values = (
+        scale.low * (scale.high / scale.low) ** shares
+        if scale.logarithmic
+        else scale.low + shares * (scale.high - scale.low)
+    )
     parts = [
         f'<rect x="{4 * k}" y="4" width="4" height="12" shape-rendering="crispEdges" fill="rgb({r},{g},{b})"/>'
         for k, (r, g, b) in enumerate(scale.colours(values))
     ]
     for value, text in scale.ticks():
         at = 240 * float(scale.share(np.array(value)))
-        parts.append(f'<path class="m t" d="M{at:.1f} 16v4"/><text x="{at:.1f}" y="32" text-anchor="middle">{text}</text>')
+        parts.append(
+            f'<path class="m t" d="M{at:.1f} 16v4"/><text x="{at:.1f}" y="32" text-anchor="middle">{text}</text>'
+        )
     return [*parts, f'<text x="256" y="14" class="n">{unit}</text>']
 
 

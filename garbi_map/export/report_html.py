@@ -55,7 +55,9 @@ def write_report_html(
     page = Template((files("garbi_map.export") / "report_template.html").read_text(encoding="utf-8"))
     text = page.substitute(
         title=escape(own.title),
-        subtitle=escape(f"{begin:%Y-%m-%d %H:%M:%S} UTC, {own.source.duration_s:.1f} s, {own.source.images:,} images"),
+        subtitle=escape(
+            f"{begin:%Y-%m-%d %H:%M:%S} UTC, {own.source.duration_s:.1f} s, {many(own.source.images, 'image')}"
+        ),
         paths="".join(f"<code>{escape(name)}</code> " for name in own.source.paths),
         verdict=escape(own.verdict),
         tiles=_tiles(numbers(seabed, registered.agreement, found)),
@@ -68,7 +70,9 @@ def write_report_html(
         **_drift(found, registered, own),
         **_agreement(registered.agreement, seabed),
         depth=_depth(seabed, registered.trajectory, own.source.begin_ns, settings.widest_hole),
-        uncertainty=figures.histogram("Uncertainty", 1e3 * seabed.uncertainty[seabed.known], "1 sigma of a cell, mm", WIDTH // 2),
+        uncertainty=figures.histogram(
+            "Uncertainty", 1e3 * seabed.uncertainty[seabed.known], "1 sigma of a cell, mm", WIDTH // 2
+        ),
         timeline=figures.timeline("Timeline", [(s.lane, s.begin_s, s.end_s, s.state) for s in own.timeline]),
         counts=_table(own.counts),
         rejected=_table(own.rejected),
@@ -126,7 +130,9 @@ def _maps(seabed: Seabed, settings: ExportSettings) -> dict[str, str]:
     holes = holes_inside(seabed, inside, settings.widest_hole)
     points = maps.amount_scale(float(np.percentile(density[known], 98)))
     return {
-        "doubt_map": maps.band_map("Uncertainty", doubt, known, seabed, maps.doubt_scale(least, most, True), "mm, 1 sigma"),
+        "doubt_map": maps.band_map(
+            "Uncertainty", doubt, known, seabed, maps.doubt_scale(least, most, True), "mm, 1 sigma"
+        ),
         "sweeps_map": maps.sweeps_map("Sweeps that saw each cell", sweeps_about(seabed), holes, seabed),
         "points_map": maps.band_map("Points per cell", density, inside & ~holes, seabed, points, "points"),
         "columns": "one" if maps.wide(seabed) else "two",
@@ -142,6 +148,7 @@ def _drift(found: Correction, registered: Registered, report: Report) -> dict[st
     return {
         "drift": draw_correction(found, report.source.begin_ns),
         "heading": escape(angle(abs(np.rad2deg(found.heading)))),
+        "heading_sigma": escape(angle(np.rad2deg(float(np.median(found.attitude_sigma[:, 2]))))),
         "drift_sigma": escape(f"{length(position)} and {angle(np.rad2deg(turn))}"),
         "steps": draw_steps(sweeps, registered.graph_step),
         "loops": escape(f"{loops.capitalize()}; the pose graph moved no sweep by more than {length(largest)}."),
@@ -184,7 +191,7 @@ def _agreement(agreement: Agreement, seabed: Seabed) -> dict[str, str]:
 
 def _depth(seabed: Seabed, trajectory: Trajectory, begin_ns: int, widest_hole: float) -> str:
     """Depth of the vehicle, with 1 sigma, and of the seabed straight below it, over time."""
-    seconds = (trajectory.stamp_ns - begin_ns) * 1e-9
+    seconds = (trajectory.stamp_ns - begin_ns).astype(np.float64) * 1e-9
     index = np.floor((trajectory.position[:, :2] - seabed.origin) / seabed.cell).astype(int)[:, ::-1]
     inside = ((index >= 0) & (index < seabed.elevation.shape)).all(1)
     below = np.full(len(seconds), np.nan)

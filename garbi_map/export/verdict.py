@@ -34,7 +34,10 @@ def numbers(seabed: Seabed, agreement: Agreement, found: Correction) -> list[tup
         (f"{seabed.area:.3g} m²", f"mapped, in cells of {length(seabed.cell)}"),
         (length(_middle(seabed)), "1 sigma of a cell's height, median"),
         overlap,
-        (length(found.distance), f"of drift found, and {angle(np.rad2deg(found.angle))}, rms against the navigation filter"),
+        (
+            length(found.distance),
+            f"of drift found, and {angle(np.rad2deg(found.angle))}, rms against the navigation filter",
+        ),
     ]
 
 

@@ -37,7 +37,7 @@ def weak_places(seabed: Seabed, agreement: Agreement, widest_hole: float) -> lis
     lines = []
 
     def tell(mask: Mask, among: Mask, text: str, why: str = "") -> None:
-        share = np.count_nonzero(mask) / max(np.count_nonzero(among), 1)
+        share = _share(mask, among)
         if share >= _WORTH_A_LINE:
             shown = f"{percent(share)} of the area ({area(mask, seabed)})"
             lines.append(f"{shown} {text}, {where(mask, among, inside)}{why}.")
@@ -51,7 +51,7 @@ def weak_places(seabed: Seabed, agreement: Agreement, widest_hole: float) -> lis
     tell(holes, inside, "inside the outline was not seen", _largest(holes, seabed))
     lines += _apart(seabed, agreement, inside)
     few = known & (seabed.density < _FEW_POINTS)
-    share = np.count_nonzero(few) / np.count_nonzero(known)
+    share = _share(few, known)
     if share > 1 - _ASKED_SHARE:
         lines.append(
             f"{percent(share)} of the cells of {length(seabed.cell)} hold fewer than {_FEW_POINTS} points "
@@ -81,7 +81,9 @@ def outline(seabed: Seabed) -> Mask:
     padded = np.pad(small, reach + 1)
     closed = cv2.erode(cv2.dilate(padded, disc), disc)
     rims, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    filled = cv2.drawContours(np.zeros_like(closed), rims, -1, 1, cv2.FILLED)[reach + 1 : -reach - 1, reach + 1 : -reach - 1]
+    filled = cv2.drawContours(np.zeros_like(closed), rims, -1, 1, cv2.FILLED)[
+        reach + 1 : -reach - 1, reach + 1 : -reach - 1
+    ]
     full = np.repeat(np.repeat(filled, factor, 0), factor, 1)[: known.shape[0], : known.shape[1]]
     return (full > 0) | seabed.known
 
@@ -108,7 +110,7 @@ def where(mask: Mask, among: Mask, inside: Mask) -> str:
         if sums[best] >= 0.7 and sums[best] >= 1.6 * normal[best]:
             return f"mostly in the {names[best]}"
     rim = _rim(inside)
-    outer, expected = (np.count_nonzero(cells & rim) / max(np.count_nonzero(cells), 1) for cells in (mask, among))
+    outer, expected = _share(mask & rim, mask), _share(among & rim, among)
     if outer >= 0.6 and outer >= 1.5 * expected:
         return "mostly along the rim"
     return "spread over the map"
@@ -117,7 +119,13 @@ def where(mask: Mask, among: Mask, inside: Mask) -> str:
 def area(mask: Mask, seabed: Seabed) -> str:
     """The area of a mask's cells, in words."""
     square = np.count_nonzero(mask) * seabed.cell**2
-    return f"{square:.2g} m²" if square >= 0.1 else f"{1e4 * square:.2g} cm²" if square < 0.01 else f"{1e4 * square:.0f} cm²"
+    return (
+        f"{square:.2g} m²"
+        if square >= 0.1
+        else f"{1e4 * square:.2g} cm²"
+        if square < 0.01
+        else f"{1e4 * square:.0f} cm²"
+    )
 
 
 def _apart(seabed: Seabed, agreement: Agreement, inside: Mask) -> list[str]:
@@ -126,17 +134,17 @@ def _apart(seabed: Seabed, agreement: Agreement, inside: Mask) -> list[str]:
         return ["No two sweeps overlap: nothing checks the path anywhere."]
     limit = _APART * agreement.median[1]
     far = agreement.after > limit
-    both = [np.zeros(seabed.known.shape, bool) for _ in range(2)]
     index = np.floor((agreement.place - np.asarray(seabed.origin)) / seabed.cell).astype(int)[:, ::-1]
     good = ((index >= 0) & (index < seabed.known.shape)).all(axis=1)
-    both[0][tuple(index[good & far].T)] = True
-    both[1][tuple(index[good].T)] = True
+    overlap, apart = np.zeros(seabed.known.shape, bool), np.zeros(seabed.known.shape, bool)
+    overlap[tuple(index[good].T)] = True
+    apart[tuple(index[good & far].T)] = True
     share = float(far.mean())
-    if share < _WORTH_A_LINE or not both[0].any():
+    if share < _WORTH_A_LINE or not apart.any():
         return []
     return [
         f"Sweeps lie more than {length(limit)} apart (five times the median) in {percent(share)} of the places where "
-        f"they overlap, {where(*both, inside)}."
+        f"they overlap, {where(apart, overlap, inside)}."
     ]
 
 
@@ -153,11 +161,17 @@ def _largest(holes: Mask, seabed: Seabed) -> str:
     return f": {which} of {area(names == largest, seabed)} about x = {x:.2f} m, y = {y:.2f} m"
 
 
+def _share(mask: Mask, among: Mask) -> float:
+    return float(np.count_nonzero(mask)) / max(float(np.count_nonzero(among)), 1.0)
+
+
 def _ninths(mask: Mask, among: Mask) -> NDArray[np.float64]:
     """(3, 3) share of a mask's cells in each ninth of the box about `among`, southernmost and westernmost first."""
     rows, columns = (np.flatnonzero(among.any(axis=axis)) for axis in (1, 0))
     box = mask[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-    counts = [[np.count_nonzero(part) for part in np.array_split(band, 3, axis=1)] for band in np.array_split(box, 3, axis=0)]
+    counts = [
+        [np.count_nonzero(part) for part in np.array_split(band, 3, axis=1)] for band in np.array_split(box, 3, axis=0)
+    ]
     return np.array(counts, float) / max(np.count_nonzero(box), 1)
 
 

@@ -52,7 +52,7 @@ class Agreement:
 def compare_placements(
     store: SweepStore, mount: Mount, before: Trajectory, after: Trajectory, placed: Surfels, surfels: Surfels
 ) -> Agreement:
-    """What two trajectories make of the same sweeps; `placed` and `surfels` are the same surfels by the one and the other."""
+    """What two trajectories make of the same sweeps; `placed` and `surfels` are the same ones by the one and the other."""
     entropy = mean_map_entropies(store, mount, (before, after), (placed.mean, surfels.mean))
     return Agreement(*pair_distances(placed, surfels), entropy)
 

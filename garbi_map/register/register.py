@@ -24,6 +24,7 @@ from garbi_map.register.settings import RegisterSettings
 from garbi_map.register.surfels import Surfels
 from garbi_map.register.windows import Path, Solution, solve_far, solve_near
 from garbi_map.sweep.store import SweepStore
+from garbi_map.words import many
 
 Floats = NDArray[np.float64]
 
@@ -70,7 +71,7 @@ def register(
     stamps = store.stamps()
     if len(stamps) < 2 or stamps[-1] <= stamps[0]:
         raise GarbiError(
-            f"registration: the sweeps hold {len(stamps)} profile(s), too few for a trajectory; "
+            f"registration: the sweeps hold {many(len(stamps), 'profile')}, too few for a trajectory; "
             "see what was left out of them with `garbi sweep`"
         )
     prior = navigated.trajectory
@@ -94,9 +95,7 @@ def register(
         rounds=near.rounds + far.rounds,
         graph_step=_steps(near.surfels, corrections),
         loops=len(loops),
-        agreement=compare_placements(
-            store, mount, prior, trajectory, _placed_by(prior, far, sensors), far.surfels
-        ),
+        agreement=compare_placements(store, mount, prior, trajectory, _placed_by(prior, far, sensors), far.surfels),
         constants=_constants(far),
     )
 
