@@ -25,7 +25,9 @@ def percent(share: float) -> str:
         return "less than 0.1 %"
     if value > 99.9:
         return "more than 99.9 %"
-    return f"{value:.1f} %" if value < 1 or value > 99 else f"{value:.0f} %"
+    if value < 1:
+        return f"{float(f'{value:.1g}'):g} %"
+    return f"{value:.1f} %" if value > 99 else f"{value:.0f} %"
 
 
 def many(count: int, thing: str, things: str | None = None) -> str:

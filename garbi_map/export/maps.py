@@ -22,7 +22,7 @@ _LITTLE_TO_MUCH = np.array([[222, 236, 240], [150, 196, 208], [76, 146, 174], [2
 _HOLE, _ONCE = (166, 30, 60), (236, 164, 64)
 _CLASSES = (0, 1, 2, 3, 6, 10)
 _CLASS_NAMES = ("not seen", "1", "2", "3 to 5", "6 to 9", "10 and more")
-_WIDE = 2.2
+_WIDE = 3.5
 """A map is drawn across the whole page when it is so many times longer than high."""
 _TALLEST = 460
 _PIXELS = 240
@@ -69,23 +69,21 @@ def amount_scale(high: float) -> Scale:
     return Scale(0.0, max(high, 1e-9), _LITTLE_TO_MUCH)
 
 
-def band_map(title: str, band: NDArray, among: Mask, seabed: Seabed, scale: Scale, unit: str) -> str:
-    """A band of the grid, of the cells `among`."""
-    values, _ = fitted(np.where(among, band, np.nan).astype(np.float32), seabed.cell, _PIXELS)
+def band_map(title: str, band: NDArray, seabed: Seabed, scale: Scale, unit: str) -> str:
+    """A band (rows, columns) of the grid; no-data is NaN."""
+    values, _ = fitted(band.astype(np.float32), seabed.cell, _PIXELS)
     return _drawn(title, scale.colours(values), _extent(seabed), _ramp(scale, unit))
 
 
-def sweeps_map(title: str, sweeps: NDArray[np.int32], holes: Mask, seabed: Seabed) -> str:
-    """How many sweeps saw each cell; holes inside the outline are marked."""
-    ramp = _LITTLE_TO_MUCH[1:]
-    colours = np.array([_HOLE, _ONCE, *ramp], np.uint8)
-    count, _ = fitted(np.where(seabed.known, sweeps, np.nan).astype(np.float32), seabed.cell, _PIXELS)
+def sweeps_map(title: str, sweeps: NDArray, holes: Mask, seabed: Seabed) -> str:
+    """How many sweeps (rows, columns) saw each cell, NaN where none did; holes inside the outline are marked."""
+    colours = np.array([_HOLE, _ONCE, *_LITTLE_TO_MUCH[1:]], np.uint8)
+    count, _ = fitted(sweeps.astype(np.float32), seabed.cell, _PIXELS)
     hole, _ = fitted(holes.astype(np.float32), seabed.cell, _PIXELS)
-    share, _ = fitted((seabed.known | holes).astype(np.float32), seabed.cell, _PIXELS)
     picture = colours[np.searchsorted(_CLASSES, np.round(np.nan_to_num(count)), side="right") - 1]
+    picture = np.where(np.isfinite(count)[..., None], picture, np.array(VOID, np.uint8))
     picture = np.where((hole >= 0.5)[..., None], np.array(_HOLE, np.uint8), picture)
-    picture = np.where((share > 0)[..., None], picture, np.array(VOID, np.uint8))
-    used = [(text, tuple(colours[k])) for k, text in enumerate(_CLASS_NAMES) if _CLASSES[k] <= seabed.sweeps.max()]
+    used = [(text, tuple(colours[k])) for k, text in enumerate(_CLASS_NAMES) if _CLASSES[k] <= np.nanmax(sweeps)]
     return _drawn(title, picture, _extent(seabed), _classes(used, "sweeps"))
 
 

@@ -71,7 +71,10 @@ def write_report_html(
         **_agreement(registered.agreement, seabed),
         depth=_depth(seabed, registered.trajectory, own.source.begin_ns, settings.widest_hole),
         uncertainty=figures.histogram(
-            "Uncertainty", 1e3 * seabed.uncertainty[seabed.known], "1 sigma of a cell, mm", WIDTH // 2
+            "Uncertainty",
+            1e3 * seabed.uncertainty[seabed.known],
+            "1 sigma of a cell, mm",
+            WIDTH if maps.wide(seabed) else WIDTH // 2,
         ),
         timeline=figures.timeline("Timeline", [(s.lane, s.begin_s, s.end_s, s.state) for s in own.timeline]),
         counts=_table(own.counts),
@@ -123,18 +126,18 @@ def _hillshade(seabed: Seabed, settings: ExportSettings, title: str) -> str:
 
 def _maps(seabed: Seabed, settings: ExportSettings) -> dict[str, str]:
     """Uncertainty, sweeps and points of each cell."""
-    known = seabed.known
-    doubt, density = 1e3 * seabed.uncertainty, seabed.density.astype(np.float32)
-    least, most = np.percentile(doubt[known], [2, 98])
+    known, width = seabed.known, round(settings.widest_hole / seabed.cell)
     inside = outline(seabed)
     holes = holes_inside(seabed, inside, settings.widest_hole)
+    doubt, _ = fill_holes(np.where(known, 1e3 * seabed.uncertainty, np.nan), width)
+    sweeps, _ = fill_holes(np.where(known, sweeps_about(seabed), np.nan), width)
+    density = np.where(inside & ~holes, seabed.density, np.nan)
+    least, most = np.percentile(doubt[known], [2, 98])
     points = maps.amount_scale(float(np.percentile(density[known], 98)))
     return {
-        "doubt_map": maps.band_map(
-            "Uncertainty", doubt, known, seabed, maps.doubt_scale(least, most, True), "mm, 1 sigma"
-        ),
-        "sweeps_map": maps.sweeps_map("Sweeps that saw each cell", sweeps_about(seabed), holes, seabed),
-        "points_map": maps.band_map("Points per cell", density, inside & ~holes, seabed, points, "points"),
+        "doubt_map": maps.band_map("Uncertainty", doubt, seabed, maps.doubt_scale(least, most, True), "mm, 1 sigma"),
+        "sweeps_map": maps.sweeps_map("Sweeps that saw each cell", sweeps, holes, seabed),
+        "points_map": maps.band_map("Points per cell", density, seabed, points, "points"),
         "columns": "one" if maps.wide(seabed) else "two",
     }
 
@@ -214,7 +217,7 @@ def _table(entries: dict[str, int] | dict[str, str]) -> str:
 def _quantities(quantities: list[Quantity]) -> str:
     return "".join(
         f"<tr><td>{escape(q.name)}</td><td class=r>{_number(q.value)}</td>"
-        f"<td>{escape(q.unit)}</td><td class=note>{escape(q.note)}</td></tr>"
+        f"<td class=unit>{escape(q.unit)}</td><td class=note>{escape(q.note)}</td></tr>"
         for q in quantities
     )
 
