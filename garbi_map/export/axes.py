@@ -43,7 +43,7 @@ class Axes:
     ) -> None:
         """Grid lines, ticks with their text (round values where none are given) and names of the axes."""
         floor = self.height - self.bottom
-        for value, text in ticks(*self.x, max(2, 8 * self.width // WIDTH)) if x_ticks is None else x_ticks:
+        for value, text in ticks(*self.x, 8 if self.width == WIDTH else 5) if x_ticks is None else x_ticks:
             at = float(self.across(value))
             self.parts.append(f'<path class="g" d="M{at:.1f} {self.top}V{floor}"/>')
             self.write(at, floor + 16, text, "middle")

@@ -72,32 +72,29 @@ def _sigma(covariance: Floats, turn: Rotation) -> Floats:
 
 
 def draw_correction(found: Correction, begin_ns: int) -> str:
-    """Six small charts: x, y, z in one scale on the left, roll and pitch in one and yaw in its own on the right."""
+    """Six small charts: x and y in one scale and z in its own on the left, roll, pitch and yaw likewise on the right."""
     seconds = (found.stamp_ns - begin_ns).astype(np.float64) * 1e-9
-    unit, scale = ("m", 1.0) if np.abs(found.position).max() > 1 else ("cm", 100.0)
-    position, place_sigma = scale * found.position, scale * found.position_sigma
-    degrees, turn_sigma = np.rad2deg(found.attitude), np.rad2deg(found.attitude_sigma)
-    place = _reach(position)
-    tilt, yaw = _reach(degrees[:, :2]), _reach(degrees[:, 2:])
     columns = (
-        [(name, position[:, k], place_sigma[:, k], place, unit) for k, name in enumerate("xyz")],
-        [
-            (name, degrees[:, k], turn_sigma[:, k], reach, "°")
-            for k, (name, reach) in enumerate((("roll", tilt), ("pitch", tilt), ("yaw", yaw)))
-        ],
+        ("xyz", found.position, found.position_sigma, _metric),
+        (("roll", "pitch", "yaw"), np.rad2deg(found.attitude), np.rad2deg(found.attitude_sigma), _degrees),
     )
-    drawn = (
-        "".join(_panel(*panel, seconds, last=number == 2) for number, panel in enumerate(column)) for column in columns
-    )
-    return "".join(f"<div>{column}</div>" for column in drawn)
+    drawn = []
+    for names, values, sigmas, unit_of in columns:
+        level, third = _reach(values[:, :2]), _reach(values[:, 2])
+        for k, (name, reach) in enumerate(zip(names, (level, level, third), strict=True)):
+            unit, scale = unit_of(reach)
+            panel = f"{name}, {unit}", scale * values[:, k], scale * sigmas[:, k], scale * reach
+            drawn.append(_panel(name, *panel, seconds, last=k == 2))
+    return f"<div>{''.join(drawn[:3])}</div><div>{''.join(drawn[3:])}</div>"
 
 
 def draw_steps(sweeps: Sequence[tuple[float, float]], step_m: Floats) -> str:
     """How far the pose graph moved each sweep: bars from its begin to its end, s. Empty where there are no sweeps."""
-    if not sweeps:
+    count = min(len(sweeps), len(step_m))
+    if not count:
         return ""
-    height = 1e3 * step_m[: len(sweeps)]
-    begin, end = (np.array(edge) for edge in zip(*sweeps[: len(height)], strict=True))
+    height = 1e3 * step_m[:count]
+    begin, end = np.array(sweeps[:count]).T
     axes = Axes((begin.min(), max(end.max(), begin.min() + 1e-3)), (0.0, 1.15 * max(float(height.max()), 1e-3)), 170)
     axes.grid("s since the begin of the log", "moved, mm")
     floor, left, right, top = axes.down(0.0), axes.across(begin), axes.across(end), axes.down(height)
@@ -108,17 +105,24 @@ def draw_steps(sweeps: Sequence[tuple[float, float]], step_m: Floats) -> str:
 
 def _reach(values: Floats) -> float:
     """What an axis must span on either side of zero."""
-    return 1.15 * max(float(np.abs(values).max(initial=0.0)), 1e-3)
+    return 1.15 * max(float(np.abs(values).max(initial=0.0)), 1e-4)
 
 
-def _panel(name: str, values: Floats, sigma: Floats, reach: float, unit: str, seconds: Floats, last: bool) -> str:
+def _metric(metres: float) -> tuple[str, float]:
+    """The unit that suits a length, and what to multiply metres by."""
+    return ("m", 1.0) if metres > 1 else ("cm", 100.0) if metres > 0.01 else ("mm", 1000.0)
+
+
+def _degrees(_: float) -> tuple[str, float]:
+    return "°", 1.0
+
+
+def _panel(name: str, label: str, values: Floats, sigma: Floats, reach: float, seconds: Floats, last: bool) -> str:
     """One curve about zero; the shade is 1 sigma, cut at the edge of the chart."""
     below = BOTTOM if last else 8
     axes = Axes((seconds[0], max(seconds[-1], seconds[0] + 1e-3)), (-reach, reach), 96 + below, _LEFT, _HALF, 8, below)
-    blank = [(value, "") for value, _ in ticks(*axes.x, 4)]
-    axes.grid(
-        "s since the begin of the log" if last else "", f"{name}, {unit}", None if last else blank, ticks(*axes.y, 5)
-    )
+    blank = [(value, "") for value, _ in ticks(*axes.x, 5)]
+    axes.grid("s since the begin of the log" if last else "", label, None if last else blank, ticks(*axes.y, 5))
     across, edge = axes.across(seconds), np.minimum(sigma, reach)
     outline = np.r_[np.c_[across, axes.down(edge)], np.c_[across, axes.down(-edge)][::-1]]
     axes.parts.append(f'<path class="s f" d="{path_of(outline)}Z"/>')

@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 from garbi_map.export.axes import BOTTOM, LEFT, TOP, WIDTH, Axes, decades, path_of, thinned
 
+_LETTER = 6.5
+"""Usual width of a letter."""
+
 
 @dataclass(frozen=True)
 class Line:
@@ -102,7 +105,12 @@ def histograms(title: str, entries: Sequence[tuple[str, NDArray, str]], x_label:
         middle = float(np.median(values))
         at = float(axes.across(np.clip(middle, *axes.x)))
         axes.parts.append(f'<path class="m" d="M{at:.1f} {TOP}V{axes.height - axes.bottom}"/>')
-        axes.write(at, TOP - 6, f"{label}: median {10**middle:.2g}", "end" if middle <= least else "start")
+        text = f"{label}: median {10**middle:.2g}"
+        room = _LETTER * len(text)
+        if middle <= least:
+            axes.write(max(at, room), TOP - 6, text, "end")
+        else:
+            axes.write(min(at, WIDTH - room), TOP - 6, text)
     return axes.svg(title)
 
 

@@ -126,7 +126,7 @@ def _drawn(title: str, picture: Colours, extent: tuple[float, float, float, floa
     spare = (room - across) / scale / 2
     height = round(high + top + BOTTOM)
     axes = Axes((x0 - spare, x1 + spare), (y0, y1), height, left, width, top, BOTTOM)
-    axes.grid("x, m", "y (north), m", ticks(*axes.x, 5), ticks(y0, y1, max(2, round(high / 70))))
+    axes.grid("x, m", "y (north), m", ticks(*axes.x, 5), ticks(y0, y1, max(3, round(high / 50))))
     data = b64encode(png(np.ascontiguousarray(picture[::-1, :, ::-1]))).decode()
     axes.parts.append(
         f'<image x="{float(axes.across(x0)):.1f}" y="{top}" width="{across:.1f}" height="{high:.1f}" '
