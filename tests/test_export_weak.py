@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from garbi_map.export import plain_verdict, weak_places
@@ -13,7 +15,7 @@ from garbi_map.export.drift import correction
 from garbi_map.export.weak import holes_inside, outline, sweeps_about, where
 from garbi_map.navigate.trajectory import Trajectory
 from garbi_map.register import Agreement
-from garbi_map.seabed import Seabed
+from garbi_map.seabed import Seabed, fill_holes
 from garbi_map.words import angle, length, many, percent
 
 CELL = 0.005
@@ -80,6 +82,19 @@ def test_a_hole_is_found_where_it_is() -> None:
     assert "inside the outline was not seen" in line
     assert "one hole of 100 cm² about x = 0.25 m, y = 2.40 m" in line
     assert holes_inside(seabed, outline(seabed), 0.02).sum() == 400
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), share=st.floats(0.05, 0.9), width=st.integers(0, 9))
+def test_holes_are_what_is_not_interpolated(seed: int, share: float, width: int) -> None:
+    """The same cells that the hillshade and the mesh leave open."""
+    unseen = np.random.default_rng(seed).uniform(size=(30, 40)) < share
+    seabed = even(30, 40)
+    elevation = np.where(unseen, np.float32(np.nan), seabed.elevation)
+    seabed = replace(seabed, elevation=elevation, density=np.where(unseen, 0, seabed.density).astype(np.int32))
+    filled, _ = fill_holes(elevation, width)
+    everywhere = np.ones_like(unseen)
+    assert np.array_equal(holes_inside(seabed, everywhere, width * CELL), np.isnan(filled))
 
 
 def test_an_inlet_is_a_hole_and_the_sea_is_not() -> None:

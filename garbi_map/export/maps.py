@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from garbi_map.export.axes import BOTTOM, RIGHT, WIDTH, Axes, Tick, decades, ticks
 from garbi_map.export.hillshade import fitted, png
-from garbi_map.seabed import Seabed
+from garbi_map.seabed import Seabed, fill_holes
 
 Mask = NDArray[np.bool_]
 Colours = NDArray[np.uint8]
@@ -69,16 +69,16 @@ def amount_scale(high: float) -> Scale:
     return Scale(0.0, max(high, 1e-9), _LITTLE_TO_MUCH)
 
 
-def band_map(title: str, band: NDArray, seabed: Seabed, scale: Scale, unit: str) -> str:
-    """A band (rows, columns) of the grid; no-data is NaN."""
-    values, _ = fitted(band.astype(np.float32), seabed.cell, _PIXELS)
+def band_map(title: str, band: NDArray, gap: float, seabed: Seabed, scale: Scale, unit: str) -> str:
+    """A band (rows, columns) of the grid; no-data is NaN, and interpolated where a gap is no wider than `gap` m."""
+    values = _closed(band, gap, seabed)
     return _drawn(title, scale.colours(values), _extent(seabed), _ramp(scale, unit))
 
 
-def sweeps_map(title: str, sweeps: NDArray, holes: Mask, seabed: Seabed) -> str:
+def sweeps_map(title: str, sweeps: NDArray, gap: float, holes: Mask, seabed: Seabed) -> str:
     """How many sweeps (rows, columns) saw each cell, NaN where none did; holes inside the outline are marked."""
     colours = np.array([_HOLE, _ONCE, *_LITTLE_TO_MUCH[1:]], np.uint8)
-    count, _ = fitted(sweeps.astype(np.float32), seabed.cell, _PIXELS)
+    count = _closed(sweeps, gap, seabed)
     hole, _ = fitted(holes.astype(np.float32), seabed.cell, _PIXELS)
     picture = colours[np.searchsorted(_CLASSES, np.round(np.nan_to_num(count)), side="right") - 1]
     picture = np.where(np.isfinite(count)[..., None], picture, np.array(VOID, np.uint8))
@@ -99,6 +99,12 @@ def scattered_map(title: str, place: NDArray, value: NDArray, seabed: Seabed, sc
     mean = np.where(count > 0, total / np.maximum(count, 1), np.nan).reshape(rows, columns)
     x, y = seabed.origin
     return _drawn(title, scale.colours(mean), (x, x + columns * side, y, y + rows * side), _ramp(scale, unit))
+
+
+def _closed(band: NDArray, gap: float, seabed: Seabed) -> NDArray[np.float32]:
+    """A band as it is drawn, with its narrow gaps closed."""
+    values, pixel = fitted(band.astype(np.float32), seabed.cell, _PIXELS)
+    return fill_holes(values, round(gap / pixel))[0]
 
 
 def wide(seabed: Seabed) -> bool:

@@ -19,7 +19,7 @@ from garbi_map.aside import write_text
 from garbi_map.export import figures, maps
 from garbi_map.export.axes import WIDTH
 from garbi_map.export.drift import Correction, correction, draw_correction, draw_steps
-from garbi_map.export.hillshade import hillshade, png
+from garbi_map.export.hillshade import fitted, hillshade, png
 from garbi_map.export.report import Quantity, Report, checked
 from garbi_map.export.settings import ExportSettings
 from garbi_map.export.verdict import numbers
@@ -31,6 +31,7 @@ from garbi_map.words import angle, length, many
 
 _MOST_LINES = 200
 _HILLSHADE_PIXELS = 1200
+_DEPTH_PIXELS = 1000
 
 
 def write_report_html(
@@ -126,18 +127,20 @@ def _hillshade(seabed: Seabed, settings: ExportSettings, title: str) -> str:
 
 def _maps(seabed: Seabed, settings: ExportSettings) -> dict[str, str]:
     """Uncertainty, sweeps and points of each cell."""
-    known, width = seabed.known, round(settings.widest_hole / seabed.cell)
+    known, gap = seabed.known, settings.widest_hole
     inside = outline(seabed)
-    holes = holes_inside(seabed, inside, settings.widest_hole)
-    doubt, _ = fill_holes(np.where(known, 1e3 * seabed.uncertainty, np.nan), width)
-    sweeps, _ = fill_holes(np.where(known, sweeps_about(seabed), np.nan), width)
-    density = np.where(inside & ~holes, seabed.density, np.nan)
+    holes = holes_inside(seabed, inside, gap)
+    doubt = np.where(known, 1e3 * seabed.uncertainty, np.nan)
+    sweeps = np.where(known, sweeps_about(seabed), np.float32(np.nan))
+    density = np.where(inside & ~holes, seabed.density, np.float32(np.nan))
     least, most = np.percentile(doubt[known], [2, 98])
     points = maps.amount_scale(float(np.percentile(density[known], 98)))
     return {
-        "doubt_map": maps.band_map("Uncertainty", doubt, seabed, maps.doubt_scale(least, most, True), "mm, 1 sigma"),
-        "sweeps_map": maps.sweeps_map("Sweeps that saw each cell", sweeps, holes, seabed),
-        "points_map": maps.band_map("Points per cell", density, seabed, points, "points"),
+        "doubt_map": maps.band_map(
+            "Uncertainty", doubt, gap, seabed, maps.doubt_scale(least, most, True), "mm, 1 sigma"
+        ),
+        "sweeps_map": maps.sweeps_map("Sweeps that saw each cell", sweeps, gap, holes, seabed),
+        "points_map": maps.band_map("Points per cell", density, 0.0, seabed, points, "points"),
         "columns": "one" if maps.wide(seabed) else "two",
     }
 
@@ -195,10 +198,11 @@ def _agreement(agreement: Agreement, seabed: Seabed) -> dict[str, str]:
 def _depth(seabed: Seabed, trajectory: Trajectory, begin_ns: int, widest_hole: float) -> str:
     """Depth of the vehicle, with 1 sigma, and of the seabed straight below it, over time."""
     seconds = (trajectory.stamp_ns - begin_ns).astype(np.float64) * 1e-9
-    index = np.floor((trajectory.position[:, :2] - seabed.origin) / seabed.cell).astype(int)[:, ::-1]
-    inside = ((index >= 0) & (index < seabed.elevation.shape)).all(1)
+    elevation, pixel = fitted(seabed.elevation, seabed.cell, _DEPTH_PIXELS)
+    elevation, _ = fill_holes(elevation, round(widest_hole / pixel))
+    index = np.floor((trajectory.position[:, :2] - seabed.origin) / pixel).astype(int)[:, ::-1]
+    inside = ((index >= 0) & (index < elevation.shape)).all(1)
     below = np.full(len(seconds), np.nan)
-    elevation, _ = fill_holes(seabed.elevation, round(widest_hole / seabed.cell))
     below[inside] = -elevation[tuple(index[inside].T)]
     sigma = np.sqrt(np.maximum(trajectory.covariance[:, 2, 2], 0.0))
     lines = [figures.Line("vehicle, 1 sigma", seconds, -trajectory.position[:, 2], "a", sigma)]

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from garbi_map.register.agreement import Agreement
-from garbi_map.seabed import Seabed, fill_holes
+from garbi_map.seabed import Seabed
 from garbi_map.words import length, percent
 
 Mask = NDArray[np.bool_]
@@ -89,9 +89,14 @@ def outline(seabed: Seabed) -> Mask:
 
 
 def holes_inside(seabed: Seabed, inside: Mask, widest_hole: float) -> Mask:
-    """(rows, columns) cells inside the outline that hold nothing and are too far from any that does to be interpolated."""
-    filled, _ = fill_holes(seabed.elevation, round(widest_hole / seabed.cell))
-    return inside & ~np.isfinite(filled)
+    """(rows, columns) cells inside the outline that hold nothing, in gaps wider than `widest_hole` m along x and along y.
+
+    The narrower ones are those that `fill_holes` interpolates.
+    """
+    reach = round(widest_hole / seabed.cell)
+    known = np.pad(seabed.known.astype(np.uint8), reach)
+    filled = (_closed(known, reach) | _closed(known.T, reach).T)[reach:, reach:][: inside.shape[0], : inside.shape[1]]
+    return inside & ~filled
 
 
 def where(mask: Mask, among: Mask, inside: Mask) -> str:
@@ -163,6 +168,15 @@ def _largest(holes: Mask, seabed: Seabed) -> str:
 
 def _share(mask: Mask, among: Mask) -> float:
     return float(np.count_nonzero(mask)) / max(float(np.count_nonzero(among)), 1.0)
+
+
+def _closed(known: NDArray[np.uint8], gap: int) -> Mask:
+    """Known cells, and gaps between them of up to so many cells of a column."""
+    import cv2
+
+    line, middle = np.ones((gap + 1, 1), np.uint8), (gap + 1) // 2
+    # mirrored, because a line of even length has no middle
+    return cv2.erode(cv2.dilate(known, line, anchor=(0, middle)), line, anchor=(0, gap - middle)) > 0
 
 
 def _ninths(mask: Mask, among: Mask) -> NDArray[np.float64]:
