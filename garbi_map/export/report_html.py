@@ -112,7 +112,7 @@ def _items(lines: Sequence[str]) -> str:
 def _left_out(lines: list[str]) -> str:
     if not lines:
         return "<p class=fine>Nothing that was in the log was left out.</p>"
-    return f"<div class=lost><h2>Left out</h2>{_items(lines)}</div>"
+    return f"<div class=lost><h2>Left out or missing</h2>{_items(lines)}</div>"
 
 
 def _weak(lines: list[str]) -> str:

@@ -20,7 +20,7 @@ def plain_verdict(seabed: Seabed, agreement: Agreement, losses: int) -> str:
     sure = f"The height of a cell of {length(seabed.cell)} is known to {length(_middle(seabed))} (1 sigma, median)."
     once = np.count_nonzero(sweeps_about(seabed)[known] < 2) / np.count_nonzero(known)
     weak = f" {percent(once)} of the area was seen by one sweep only, where nothing checks the path." if once else ""
-    left = " Not everything in the log could be used: see what was left out." if losses else ""
+    left = " Something was left out or missing: see below." if losses else ""
     return f"{_drift_removed(agreement)} {sure}{weak}{left}"
 
 

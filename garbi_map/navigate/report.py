@@ -108,7 +108,7 @@ def _notes(
     else:
         if len(inertial.gaps):
             lost = float(np.diff(inertial.gaps, axis=1).sum()) * 1e-9
-            notes.append(f"the IMU was silent {many(len(inertial.gaps), 'time')}, {lost:.1f} s in all")
+            notes.append(f"the IMU has {many(len(inertial.gaps), 'gap')}, {lost:.1f} s in all")
         if inertial.clipped:
             notes.append(f"the IMU was at the end of its range in {many(inertial.clipped, 'sample')}, not used")
         if inertial.spikes:
