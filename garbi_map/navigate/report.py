@@ -10,6 +10,7 @@ from garbi_map.log.records import Navigation
 from garbi_map.navigate.gyro_attitude import GyroAttitude
 from garbi_map.navigate.inertial import Inertial
 from garbi_map.navigate.settings import NavigateSettings
+from garbi_map.words import many
 
 if TYPE_CHECKING:
     from garbi_map.navigate.eskf import ErrorStateFilter
@@ -107,27 +108,26 @@ def _notes(
     else:
         if len(inertial.gaps):
             lost = float(np.diff(inertial.gaps, axis=1).sum()) * 1e-9
-            notes.append(f"IMU: silent {len(inertial.gaps)} times, {lost:.1f} s in all")
+            notes.append(f"IMU: silent {many(len(inertial.gaps), 'time')}, {lost:.1f} s in all")
         if inertial.clipped:
-            notes.append(f"the IMU was at the end of its range in {inertial.clipped} samples; they were not used")
+            notes.append(f"the IMU was at the end of its range in {many(inertial.clipped, 'sample')}, not used")
         if inertial.spikes:
-            notes.append(f"the IMU had {inertial.spikes} lone spikes; they were not used")
+            notes.append(f"the IMU had {many(inertial.spikes, 'lone spike')}, not used")
         if inertial.rate_derived:
             notes.append("no gyro: rates are differences of the attitude topic")
     notes += _silences(log, forward)
     if attitude is not None and attitude.disturbed.any():
         notes.append(
             "the attitude topic's yaw contradicts the gyro in "
-            f"{int(attitude.disturbed.sum())} samples, which were not used"
+            f"{many(int(attitude.disturbed.sum()), 'sample')}, not used"
         )
     if "dvl" not in forward.tallies and "fixes" not in forward.tallies:
         notes.append(f"nothing measures velocity: taken as {settings.speed} m/s or less; positions drift")
     if log.dvl is not None and "dvl" in forward.tallies:
         used = forward.tallies["dvl"].accepted
         if used < len(log.dvl.stamp_ns):
-            notes.append(
-                f"DVL: {len(log.dvl.stamp_ns) - used} of {len(log.dvl.stamp_ns)} pings were invalid or outliers"
-            )
+            pings = many(len(log.dvl.stamp_ns), "ping")
+            notes.append(f"DVL: {len(log.dvl.stamp_ns) - used:,} of {pings} invalid or outliers")
     if "pressure" not in forward.tallies:
         notes.append("no pressure: heights are relative to the first pose")
     return notes

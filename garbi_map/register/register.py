@@ -16,6 +16,7 @@ from garbi_map.log.records import Navigation
 from garbi_map.navigate import NavigationResult, Trajectory
 from garbi_map.navigate import navigate as run_navigation
 from garbi_map.navigate.settings import NavigateSettings
+from garbi_map.register.agreement import Agreement, compare_placements
 from garbi_map.register.constants import learnt
 from garbi_map.register.drift import Round
 from garbi_map.register.front_end import close_loops, scan_to_map
@@ -23,10 +24,11 @@ from garbi_map.register.pose_graph import optimise
 from garbi_map.register.scanner import ENCODER, Scanner
 from garbi_map.register.sensors import Sensors
 from garbi_map.register.settings import RegisterSettings
-from garbi_map.register.surfels import Surfels, match_surfels
+from garbi_map.register.surfels import Surfels
 from garbi_map.register.timing import Offset, judged, refined, restamped
 from garbi_map.register.windows import Path, Solution, solve_far, solve_near
 from garbi_map.sweep.store import SweepStore
+from garbi_map.words import many
 
 Floats = NDArray[np.float64]
 
@@ -34,8 +36,6 @@ _ATTEMPTS = 4
 """At setting clocks right: what is left after two is less than what can be seen."""
 _NEIGHBOUR = np.array([0.004, 0.004, 0.004, 0.002, 0.002, 0.002])
 """How much the drift changes between neighbouring sweeps after the near rounds, 1 sigma, m and rad."""
-_COMPARED = 100_000
-"""Surfels that are compared with others to tell how much sweeps disagree."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Registered:
     rounds       what each round of the drift estimate found, per window, the far rounds after the near ones
     graph_step   (k,) m, how far the pose graph moved each sweep
     loops        number of loop closures that were verified
-    disagreement median distance between overlapping sweeps, m: with the navigation filter's trajectory and with ours
+    agreement    how well overlapping sweeps agree with the navigation filter's trajectory and with ours
     constants    what was learnt of the sensors, with units in the names
     clocks       by how much the stamps of sensors and encoder differ from the camera's
     """
@@ -57,7 +57,7 @@ class Registered:
     rounds: list[list[Round]]
     graph_step: Floats
     loops: int
-    disagreement: tuple[float, float]
+    agreement: Agreement
     constants: dict[str, Any]
     clocks: list[Offset] = field(default_factory=list)
 
@@ -81,7 +81,7 @@ def register(
     stamps = store.stamps()
     if len(stamps) < 2 or stamps[-1] <= stamps[0]:
         raise GarbiError(
-            f"registration: the sweeps hold {len(stamps)} profile(s), too few for a trajectory; "
+            f"registration: the sweeps hold {many(len(stamps), 'profile')}, too few for a trajectory; "
             "see what was left out of them with `garbi sweep`"
         )
     prior = navigated.trajectory
@@ -94,14 +94,15 @@ def register(
     progress("all sweeps at once")
     far = solve_far(store, mount, sensors, closed, settings.drift, progress)
     clocks = _retimed(store, far, clocks, scanner)
+    trajectory = _trajectory(far.path, far.path.covariance, sensors.epoch_ns, stamps)
 
     return Registered(
-        trajectory=_trajectory(far.path, far.path.covariance, sensors.epoch_ns, stamps),
+        trajectory=trajectory,
         inside=_trajectory(far.path, far.path.relative, sensors.epoch_ns, stamps),
         rounds=near.rounds + far.rounds,
         graph_step=_steps(near.surfels, corrections),
         loops=len(loops),
-        disagreement=(_disagreement(_placed_by(prior, near, sensors)), _disagreement(far.surfels)),
+        agreement=compare_placements(store, mount, prior, trajectory, _placed_by(prior, far, sensors), far.surfels),
         constants=_constants(far),
         clocks=clocks,
     )
@@ -176,28 +177,15 @@ def _steps(surfels: Surfels, corrections: list[Floats]) -> Floats:
     return out
 
 
-def _placed_by(prior: Trajectory, near: Solution, sensors: Sensors) -> Surfels:
+def _placed_by(prior: Trajectory, solution: Solution, sensors: Sensors) -> Surfels:
     """The surfels where the navigation filter alone would have put them."""
-    t = near.surfels.time
-    position, rotation = near.path.at(t)
+    t = solution.surfels.time
+    position, rotation = solution.path.at(t)
     there = prior.at(sensors.epoch_ns + np.round(t * 1e9).astype(np.int64))
-    body = rotation.inv().apply(near.surfels.mean - position)
-    normal = rotation.inv().apply(near.surfels.normal)
+    body = rotation.inv().apply(solution.surfels.mean - position)
+    normal = rotation.inv().apply(solution.surfels.normal)
     moved = there.rotation.apply(body) + there.position
-    return Surfels(moved, there.rotation.apply(normal), t, near.surfels.sweep, near.surfels.thickness)
-
-
-def _disagreement(surfels: Surfels) -> float:
-    """Median point-to-plane distance, m, of surfels of different sweeps that lie within 5 cm of each other.
-
-    Of many surfels some, evenly drawn, are compared with all."""
-    asked = np.zeros(len(surfels.mean), bool)
-    asked[:: len(asked) // _COMPARED + 1] = True
-    first, second = match_surfels(surfels, 0.05, np.inf, asked)
-    if len(first) == 0:
-        return float("nan")
-    between = surfels.mean[first] - surfels.mean[second]
-    return float(np.median(np.abs(np.einsum("nk,nk->n", between, surfels.normal[first]))))
+    return Surfels(moved, there.rotation.apply(normal), t, solution.surfels.sweep, solution.surfels.thickness)
 
 
 def _trajectory(path: Path, covariance: NDArray[np.float32], epoch_ns: int, stamps: NDArray[np.int64]) -> Trajectory:

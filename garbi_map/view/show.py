@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from pathlib import Path
 
 from garbi_map.config import Config
@@ -11,6 +11,7 @@ from garbi_map.log import Log, open_log
 from garbi_map.rig import Rig, load_rig, parse_rig
 from garbi_map.view.blueprint import log_blueprint
 from garbi_map.view.log_view import first_depth, stream_log
+from garbi_map.view.report_server import REPORT, report_server
 from garbi_map.view.stream import new_recording, recording_file
 from garbi_map.view.viewer import Viewer, check_recording, viewer
 
@@ -30,10 +31,15 @@ def recording_of(path: Path) -> Path | None:
 
 
 def show_recording(file: Path, web: bool, port: int) -> None:
-    """Returns when the viewer is closed. Raises GarbiError where it cannot be opened."""
+    """Returns when the viewer is closed; in a browser the map's report is served beside it.
+
+    Raises GarbiError where it cannot be opened.
+    """
     with viewer(file, web, port) as opened:
-        _announce(opened)
-        _wait(opened)
+        beside = opened.page is not None and (file.parent / REPORT).is_file()
+        with report_server(file.parent, opened.page or "") if beside else nullcontext() as report:
+            _announce(opened, report)
+            _wait(opened)
 
 
 def show_log(path: Path, config: Config, rig_path: Path | None, web: bool, port: int) -> list[str]:
@@ -75,9 +81,10 @@ def _open(path: Path, config: Config, rig_path: Path | None) -> tuple[Log, Rig |
         return log, None, [str(error)]
 
 
-def _announce(opened: Viewer) -> None:
+def _announce(opened: Viewer, report: str | None = None) -> None:
     if opened.page:
-        print(f"open {opened.page}\nand end with Ctrl-C", flush=True)
+        beside = f"or the report, which leads there: {report}\n" if report else ""
+        print(f"open {opened.page}\n{beside}and end with Ctrl-C", flush=True)
 
 
 def _wait(opened: Viewer) -> None:
