@@ -203,4 +203,4 @@ def test_covariance_is_honest():
 def normalised(found, truth: Scanner) -> float:
     new, old = found.scanner.values(), truth.values()
     error = np.array([new[name] - old[name] for name in found.free])
-    return float(error @ np.linalg.solve(found.covariance, error))
+    return float(error @ np.linalg.solve(found.own_covariance, error))
