@@ -177,7 +177,7 @@ def test_flipped_images_of_a_symmetric_board_are_refused_by_the_laser():
         for view in views
     ]
     camera = replace(rig.camera, u0=SIZE[0] - 1 - rig.camera.u0)
-    with pytest.raises(GarbiError, match="does not lie on one sheet|do not determine the laser"):
+    with pytest.raises(GarbiError, match=r"does not lie on one sheet|do not determine the laser"):
         calibrate_laser(camera, flipped, replace(stripes, u=SIZE[0] - 1 - stripes.u), target, SETTINGS)
 
 
