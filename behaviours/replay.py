@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from behaviours.decisions import Decision, DecisionWriter
@@ -65,14 +65,20 @@ def replay(
     """Decide along the log; write the decisions to `output`, where one is given."""
     feed = LogFeed(log, plan.behaviours.feed, config.stripe, rig, workers)
     decisions: list[Decision] = []
+
+    def decided() -> Iterator[Decision]:
+        for decision in decide_all(feed, plan):
+            yield decision
+            decisions.append(replace(decision, movers=(), allowed=None, volume=None))  # hours of them are kept
+
     if output is None:
-        decisions = list(decide_all(feed, plan))
+        for _ in decided():
+            pass
         verdicts = plan.judge(decisions)
     else:
         with DecisionWriter(output) as writer:
             writer.write_metadata("garbi.behaviours", {"json": plan.model_dump_json()})
-            for decision in decide_all(feed, plan):
-                decisions.append(decision)
+            for decision in decided():
                 writer.write(decision)
             verdicts = plan.judge(decisions)
             writer.write_verdict(decisions[-1].now_ns, verdicts)

@@ -30,7 +30,7 @@ def about_map(dive: Dive, built: Map) -> str:
 **{built.seabed.area:.1f} m² of seabed in {seconds:.0f} s**, {built.registered.loops} loop closures. {overlap}
 
 An underwater vehicle swings a sheet of laser light over the seabed, and its camera sees where the light falls.
-Press play, or drag the time below: the map grows as the vehicle scans. {_legend(things)}
+Press play, or drag the time below: the map grows as the vehicle scans. {legend(things)}
 
 The tabs over the map: {colours}; *Surface*: {style.MESH.meaning}.
 
@@ -45,7 +45,7 @@ def about_log(log: Log) -> str:
     topics = "\n".join(f"| {name} | {topic.count} |" for name, topic in sorted(log.topics.items()))
     return f"""\
 **{seconds:.0f} s of recording, as it was recorded:** nothing is corrected, and the vehicle only turns and dives.
-{_legend((style.PROFILE, style.SHEET, style.STRIPE))} `garbi map` makes the seabed map of it.
+{legend((style.PROFILE, style.SHEET, style.STRIPE, style.CANDIDATES, style.STRIPE_SIGMA))} `garbi map` makes the seabed map of it.
 
 | topic | messages |
 | --- | --- |
@@ -53,5 +53,6 @@ def about_log(log: Log) -> str:
 """
 
 
-def _legend(things: Iterable[style.Thing]) -> str:
+def legend(things: Iterable[style.Thing]) -> str:
+    """What is what, in one sentence."""
     return "; ".join(f"**{thing.name}**: {thing.meaning}" for thing in things) + "."

@@ -37,7 +37,7 @@ def map_blueprint(seabed: NDArray, route: NDArray, speed: float) -> Blueprint:
     hidden = [style.POINTS, style.PROFILE, style.SHEET, style.POSE_SIGMA]
     scenes.append(_scene(SURFACE, [f"- /{thing.path}" for thing in hidden], eye, {}))
     curves = rrb.Tabs(
-        rrb.Vertical(_plot(style.DRIFT_POSITION), _plot(style.DRIFT_ATTITUDE), name="Drift"),
+        rrb.Vertical(_plot(style.DRIFT_POSITION), _plot(style.DRIFT_TILT), _plot(style.DRIFT_YAW), name="Drift"),
         rrb.Vertical(
             _plot(style.MISFIT),
             rrb.BarChartView(origin=style.ROUNDS, name="Distance of matches by round, mm", plot_legend=_no_legend()),
@@ -61,10 +61,40 @@ def log_blueprint(depth: float) -> Blueprint:
     )
     scene = _scene("Vehicle", [], eye, {f"/{style.PROFILE.path}": rrb.VisibleTimeRanges([lately])})
     curves = rrb.Tabs(
-        rrb.Vertical(_plot(style.ENCODER), _plot(style.STRENGTH), name="Scanner"),
+        rrb.Vertical(_plot(style.ENCODER), _plot(style.STRENGTH), _plot(style.BACKSCATTER), name="Scanner"),
         rrb.Vertical(_plot(style.ATTITUDE), _plot(style.DEPTH), _plot(style.VELOCITY), name="Vehicle"),
     )
     return _screen(rrb.Tabs(scene), curves, 1.0)
+
+
+def decision_blueprint() -> Blueprint:
+    """The layout of what behaviours decided: seen from behind the vehicle, whose frame stands still."""
+    import rerun.blueprint as rrb
+
+    eye = rrb.EyeControls3D(position=(-2.6, -2.2, 2.3), look_target=(0.7, 0.1, -0.1), eye_up=(0, 0, 1))
+    scene = rrb.Spatial3DView(
+        origin=style.VEHICLE,
+        name="Surroundings, from behind the vehicle",
+        contents=[f"+ /{style.WORLD}/**"],
+        background=style.BACKGROUND,
+        line_grid=False,
+        eye_controls=eye,
+    )
+    words = rrb.Tabs(
+        rrb.TextDocumentView(origin=style.WORDS, name="Why"),
+        rrb.TextDocumentView(origin=style.ABOUT, name="What is this?"),
+        rrb.TextLogView(origin=style.LOSSES, name="What safety changed"),
+    )
+    lanes = rrb.StateTimelineView(origin=style.LANES, name="Who acts, what safety does, what was expected")
+    activation = rrb.TimeSeriesView(origin=style.ACTIVATION, name="Activation, 0 to 1")
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Vertical(scene, words, row_shares=[0.7, 0.3]),
+            rrb.Vertical(lanes, _plot(style.SURGE), activation, row_shares=[0.44, 0.28, 0.28]),
+            column_shares=[0.62, 0.38],
+        ),
+        *_panels(1.0),
+    )
 
 
 def _screen(scene: Any, curves: Any, speed: float) -> Blueprint:
@@ -81,15 +111,17 @@ def _screen(scene: Any, curves: Any, speed: float) -> Blueprint:
             rrb.Vertical(camera, curves, row_shares=[0.5, 0.5]),
             column_shares=[0.66, 0.34],
         ),
-        rrb.TimePanel(
-            state="collapsed",
-            timeline=style.TIMELINE,
-            playback_speed=max(speed, 1.0),
-            play_state="playing",
-        ),
-        rrb.SelectionPanel(state="hidden"),
-        rrb.BlueprintPanel(state="hidden"),
+        *_panels(speed),
     )
+
+
+def _panels(speed: float) -> list[Any]:
+    import rerun.blueprint as rrb
+
+    time = rrb.TimePanel(
+        state="collapsed", timeline=style.TIMELINE, playback_speed=max(speed, 1.0), play_state="playing"
+    )
+    return [time, rrb.SelectionPanel(state="hidden"), rrb.BlueprintPanel(state="hidden")]
 
 
 def _coloured(colouring: style.Colouring, eye: EyeControls3D) -> View:

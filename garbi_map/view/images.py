@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from garbi_map.log import Image
-from garbi_map.stripe.decode import UnusableImage, decode
 from garbi_map.view import style
 from garbi_map.view.stream import at, set_time
 
@@ -34,6 +33,8 @@ def send_images(recording: RecordingStream, images: Iterator[Image], every: int)
 def send_image(recording: RecordingStream, image: Image) -> int:
     """A compressed image as it is, a raw one decoded; returns its bytes. One that cannot be decoded is left out."""
     import rerun as rr
+
+    from garbi_map.stripe.decode import UnusableImage, decode
 
     data = bytes(image.data)
     media = _COMPRESSED.get(data[:2])

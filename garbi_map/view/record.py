@@ -94,10 +94,11 @@ def _send_curves(recording: RecordingStream, dive: Dive, built: Map) -> None:
     ours, own = built.registered.trajectory, built.navigated.trajectory
     navigation = own.at(ours.stamp_ns)
     turn = (ours.rotation * navigation.rotation.inv()).as_rotvec()  # about x, y, z of the map: roll, pitch, yaw
-    for plot in (style.DRIFT_POSITION, style.DRIFT_ATTITUDE, style.DEPTH, style.SPEED, style.ENCODER):
+    for plot in (style.DRIFT_POSITION, style.DRIFT_TILT, style.DRIFT_YAW, style.DEPTH, style.SPEED, style.ENCODER):
         name_curves(recording, plot)
     send_curves(recording, style.DRIFT_POSITION, ours.stamp_ns, 1e3 * (ours.position - navigation.position))
-    send_curves(recording, style.DRIFT_ATTITUDE, ours.stamp_ns, np.rad2deg(turn))
+    send_curves(recording, style.DRIFT_TILT, ours.stamp_ns, np.rad2deg(turn[:, :2]))
+    send_curves(recording, style.DRIFT_YAW, ours.stamp_ns, np.rad2deg(turn[:, 2]))
     send_curves(recording, style.DEPTH, ours.stamp_ns, -ours.position[:, 2])
     send_curves(recording, style.SPEED, own.stamp_ns, np.linalg.norm(built.navigated.velocity, axis=1))
     encoder = dive.navigation.encoder
