@@ -63,18 +63,19 @@ def log_blueprint(depth: float) -> Blueprint:
     curves = rrb.Tabs(
         rrb.Vertical(_plot(style.ENCODER), _plot(style.STRENGTH), _plot(style.BACKSCATTER), name="Scanner"),
         rrb.Vertical(_plot(style.ATTITUDE), _plot(style.DEPTH), _plot(style.VELOCITY), name="Vehicle"),
+        rrb.StateTimelineView(origin=style.LANES, name="Gaps"),
     )
     return _screen(rrb.Tabs(scene), curves, 1.0)
 
 
 def decision_blueprint() -> Blueprint:
-    """The layout of what behaviours decided: seen from behind the vehicle, whose frame stands still."""
+    """The layout of what behaviours decided: seen from starboard, in the vehicle's frame."""
     import rerun.blueprint as rrb
 
-    eye = rrb.EyeControls3D(position=(-2.6, -2.2, 2.3), look_target=(0.7, 0.1, -0.1), eye_up=(0, 0, 1))
+    eye = rrb.EyeControls3D(position=(0.1, -3.7, 2.1), look_target=(0.8, 0.0, -0.1), eye_up=(0, 0, 1))
     scene = rrb.Spatial3DView(
         origin=style.VEHICLE,
-        name="Surroundings, from behind the vehicle",
+        name="Surroundings, the vehicle stands still",
         contents=[f"+ /{style.WORLD}/**"],
         background=style.BACKGROUND,
         line_grid=False,

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from garbi_map.view import style
 from garbi_map.view.decisions import AXES, Said, Tick, read_ticks, read_verdicts, spans_of
 from garbi_map.view.lanes import Lanes
-from garbi_map.view.safe_set import AHEAD, BOW, bow_velocity, outlines
+from garbi_map.view.safe_set import AHEAD, START, bow_velocity, outlines
 from garbi_map.view.stream import at, name_curves, send_curves, set_time
 from garbi_map.view.vehicle import draw_body
 
@@ -24,6 +24,8 @@ _BATCH = 100
 """Ticks that are sent at once, and held in memory."""
 _VOXEL = 0.1
 """m, of the volume that the behaviours keep."""
+_ABOVE = np.array([0.0, 0.0, 0.25])
+"""m from the arrow of the command to those of the proposals, which it would hide."""
 _BEHAVIOUR = "behaviour/"
 
 
@@ -87,7 +89,7 @@ class Decisions:
 
         occupied = rr.Boxes3D.from_fields(colors=[style.OCCUPIED.colour], fill_mode="solid")
         self.recording.log(style.OCCUPIED.path, occupied, static=True)
-        free = rr.Points3D.from_fields(colors=[style.FREE.colour], radii=0.008)
+        free = rr.Points3D.from_fields(colors=[style.FREE.colour], radii=0.005)
         self.recording.log(style.FREE.path, free, static=True)
         safe = rr.LineStrips3D.from_fields(colors=[style.SAFE.colour], radii=0.006)
         self.recording.log(style.SAFE.path, safe, static=True)
@@ -127,12 +129,13 @@ class Decisions:
         names = sorted({name for tick in ticks for name in tick.named(_BEHAVIOUR)})
         paths = {_BEHAVIOUR + name: style.proposal(name).path for name in names} | {"safety": style.COMMAND.path}
         for part, path in paths.items():
+            origin = START if part == "safety" else START + _ABOVE
             said = [_said(tick, part) for tick in ticks]
             tips = AHEAD * bow_velocity(np.array([one.command() for one in said]))
             acts = np.array([part == "safety" or one.number("activation") > 0.0 for one in said])
             acts &= np.linalg.norm(tips, axis=1) > 0.01
             rows = rr.Arrows3D.columns(
-                vectors=tips[acts].astype(np.float32), origins=np.tile(BOW, (int(acts.sum()), 1)).astype(np.float32)
+                vectors=tips[acts].astype(np.float32), origins=np.tile(origin, (int(acts.sum()), 1)).astype(np.float32)
             ).partition(acts.astype(int))
             self.recording.send_columns(path, at(stamps), rows)
 

@@ -22,6 +22,11 @@ class Lanes:
         self.recording = recording
         self._last: dict[str, str] = {}
 
+    @property
+    def any(self) -> bool:
+        """Whether there is a lane."""
+        return bool(self._last)
+
     def tick(self, tick: Tick) -> None:
         """What the parts do at a tick."""
         winner = tick.parts["coordinator"].values.get("winner") if "coordinator" in tick.parts else None
@@ -44,6 +49,11 @@ class Lanes:
         self._change(path, said.values.get("verdict", ""), begin)
         if end < end_ns:
             self._change(path, "", end)
+
+    def span(self, name: str, state: str, begin_ns: int, end_ns: int) -> None:
+        """A band of one lane."""
+        self._change(f"{style.LANES}/{name}", state, begin_ns)
+        self._change(f"{style.LANES}/{name}", "", end_ns)
 
     def finish(self, end_ns: int) -> None:
         """Bands end where the log ends."""

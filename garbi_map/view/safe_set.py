@@ -6,8 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 BOW = np.array([0.65, 0.0, 0.0])
-"""m, base_link: where arrows begin."""
-AHEAD = 3.0
+"""m, base_link."""
+START = BOW + np.array([0.0, 0.0, 0.42])
+"""m, base_link: where arrows begin, above the bow, that the hull does not hide them."""
+AHEAD = 5.0
 """s: an arrow's tip is where the bow would be after this time."""
 
 
@@ -31,7 +33,7 @@ def outlines(allowed: NDArray, command: NDArray) -> list[NDArray[np.float32]]:
             continue
         commands = np.tile(command, (len(corners), 1))
         commands[:, list(pair)] = corners
-        line = BOW + AHEAD * bow_velocity(commands)
+        line = START + AHEAD * bow_velocity(commands)
         found.append(np.vstack([line, line[:1]]).astype(np.float32))
     return found
 

@@ -90,14 +90,15 @@ COMPARED = "map/compare"
 COMMAND = Thing("map/vehicle/intent/command", OURS, "orange arrow", "the command, after safety had the last word")
 PROPOSAL = Thing("map/vehicle/intent/proposal", CAMERA, "other arrows", "what each behaviour wants")
 SAFE = Thing("map/vehicle/intent/safe_set", WELL, "green outlines", "the safe set: where arrows may end")
-OCCUPIED = Thing("map/volume/occupied", CAUTION, "yellow blocks", "where something is")
-FREE = Thing("map/volume/free", QUIET, "grey dots", "water that was seen to be free; everything else is unknown")
+OCCUPIED = Thing("map/volume/occupied", (92, 128, 156), "blue-grey blocks", "where something is")
+FREE = Thing("map/volume/free", (58, 70, 88), "grey dots", "water that was seen to be free; everything else is unknown")
 MOVING = Thing("map/moving/things", ALARM, "red ball", "something that moves, its arrow says where to")
 MOVING_VELOCITY = "map/moving/velocity"
 WORDS = "words"
 LANES = "lanes"
 
 ACTS, LEADS, CHANGES, TROUBLE = "acts", "leads", "changes it", "trouble"
+NOTHING, DAMAGED, WHOLE = "nothing", "damaged", "without gaps"
 STATES: dict[str, Colour] = {
     ACTS: CAMERA,
     LEADS: OURS,
@@ -106,8 +107,9 @@ STATES: dict[str, Colour] = {
     "held": WELL,
     "failed": ALARM,
     "no encounter": QUIET,
-    "nothing": ALARM,
-    "damaged": ALARM,
+    NOTHING: CAUTION,
+    DAMAGED: ALARM,
+    WHOLE: WELL,
 }
 """What bands on the timeline say, and in which colour."""
 _BEHAVIOURS: dict[str, Colour] = {
@@ -148,7 +150,7 @@ ATTITUDE = Plot("curves/attitude", "Attitude, degrees", tuple(zip(("roll", "pitc
 VELOCITY = Plot("curves/velocity", "Velocity over ground, m/s", tuple(zip("xyz", AXES, strict=True)))
 STRENGTH = Plot("curves/stripe", "Stripe: strength of 255, rows seen in %", (("strength", LASER), ("rows seen", OURS)))
 BACKSCATTER = Plot(
-    "curves/water", "Water: backscatter beside the stripe, of 255", (("laser's side", CAUTION), ("far side", NAVIGATION))
+    "curves/water", "Water: backscatter beside the stripe, of 255", (("left of it", CAUTION), ("right of it", NAVIGATION))
 )
 SURGE = Plot("curves/surge", "Surge, m/s", (("asked for", NAVIGATION), ("commanded", OURS)))
 
