@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -83,30 +83,7 @@ class DecisionWriter:
     def write(self, decision: Decision) -> None:
         """One tick: the command and everything that led to it."""
         self._write_command(decision)
-        statuses = [
-            self._status(
-                WARN if decision.troubles else OK,
-                "feed",
-                "; ".join(decision.troubles) or "all well",
-                {"view": decision.view, "obstacle": _number(decision.obstacle), **_pose(decision.pose)},
-            )
-        ]
-        for one in decision.proposals:
-            values = {"activation": _number(one.activation), "priority": str(one.priority), "axes": " ".join(one.axes)}
-            values |= {key: _number(value) for key, value in one.facts.items()}
-            statuses.append(self._status(OK, f"behaviour/{one.name}", one.reason, values | _values(one.command)))
-        statuses.append(
-            self._status(OK, "coordinator", decision.merging, {"winner": decision.winner, **_values(decision.merged)})
-        )
-        changes = "; ".join(decision.changes)
-        statuses.append(
-            self._status(WARN if changes else OK, "safety", changes or "nothing to change", _values(decision.command))
-        )
-        for mover in decision.movers:
-            place = [*mover.at(decision.now_ns), *mover.velocity, mover.radius]
-            values = dict(zip(("x", "y", "z", "vx", "vy", "vz", "radius"), map(_number, place), strict=True))
-            statuses.append(self._status(WARN, f"moving/{mover.number}", f"seen in {mover.passes} passes", values))
-        self._write_array(DECISIONS, decision.now_ns, statuses)
+        self._write_array(DECISIONS, decision.now_ns, [self._status(*part) for part in parts(decision)])
         self._write_scene(decision)
 
     def write_verdict(self, now_ns: int, lines: list[tuple[str, str, str]]) -> None:
@@ -168,6 +145,23 @@ class DecisionWriter:
             header=self._log.header(now_ns, "base_link"), status=statuses
         )
         self._log.write(topic, "diagnostic_msgs/msg/DiagnosticArray", message, now_ns)
+
+
+def parts(decision: Decision) -> Iterator[tuple[int, str, str, dict[str, str]]]:
+    """What each part had to say: level, name, words, figures."""
+    feed = {"view": decision.view, "obstacle": _number(decision.obstacle), **_pose(decision.pose)}
+    yield WARN if decision.troubles else OK, "feed", "; ".join(decision.troubles) or "all well", feed
+    for one in decision.proposals:
+        values = {"activation": _number(one.activation), "priority": str(one.priority), "axes": " ".join(one.axes)}
+        values |= {key: _number(value) for key, value in one.facts.items()}
+        yield OK, f"behaviour/{one.name}", one.reason, values | _values(one.command)
+    yield OK, "coordinator", decision.merging, {"winner": decision.winner, **_values(decision.merged)}
+    changes = "; ".join(decision.changes)
+    yield WARN if changes else OK, "safety", changes or "nothing to change", _values(decision.command)
+    for mover in decision.movers:
+        place = [*mover.at(decision.now_ns), *mover.velocity, mover.radius]
+        figures = dict(zip(("x", "y", "z", "vx", "vy", "vz", "radius"), map(_number, place), strict=True))
+        yield WARN, f"moving/{mover.number}", f"seen in {mover.passes} passes", figures
 
 
 def _number(value: float) -> str:

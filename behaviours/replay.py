@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -60,15 +60,22 @@ def decide_all(feed: LogFeed, plan: Plan) -> Iterator[Decision]:
 
 
 def replay(
-    log: Log, plan: Plan, config: Config, output: Path | None, rig: Rig | None = None, workers: int = 2
+    log: Log,
+    plan: Plan,
+    config: Config,
+    output: Path | None,
+    rig: Rig | None = None,
+    workers: int = 2,
+    show: Callable[[Decision], None] = lambda _: None,
 ) -> Replayed:
-    """Decide along the log; write the decisions to `output`, where one is given."""
+    """Decide along the log; write the decisions to `output`, where one is given; `show` is given each as it is made."""
     feed = LogFeed(log, plan.behaviours.feed, config.stripe, rig, workers)
     decisions: list[Decision] = []
 
     def decided() -> Iterator[Decision]:
         for decision in decide_all(feed, plan):
             yield decision
+            show(decision)
             decisions.append(replace(decision, movers=(), allowed=None, volume=None))  # hours of them are kept
 
     if output is None:

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from garbi_map.config import Config
 from garbi_map.view import record_map, style
-from garbi_map.view.show import save_log
+from garbi_map.view.show import Wishes, save_log
 from tests.view_scene import IMAGES, PERIOD_NS, START, make_scene
 from tools.headless import HeadlessViewer, headless
 
@@ -24,7 +23,7 @@ def recordings(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     folder = tmp_path_factory.mktemp("pictures")
     scene = make_scene(folder)
     record_map(folder / "map.rrd", scene.dive, scene.store, scene.built, scene.mesh)
-    assert save_log(scene.log, Config(), None, folder / "log.rrd") == []
+    assert save_log(scene.log, Wishes(), folder / "log.rrd") == []
     return folder / "map.rrd", folder / "log.rrd"
 
 

@@ -13,7 +13,8 @@ from garbi_map.cli.app import app
 @app.command("view")
 def view(
     path: Annotated[
-        Path, typer.Argument(help="A log, the decisions of a replay, a finished map, or a recording.", show_default=False)
+        Path,
+        typer.Argument(help="A log, the decisions of a replay, a finished map, or a recording.", show_default=False),
     ],
     web: Annotated[bool, typer.Option("--web", help="Serve a page for a browser instead of opening a window.")] = False,
     port: Annotated[int, typer.Option(min=1, max=65535, help="Where --web serves it, to this machine.")] = 9090,

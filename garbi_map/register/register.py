@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -39,6 +39,7 @@ class Registered:
     rounds       what each round of the drift estimate found, per window, the far rounds after the near ones
     graph_step   (k,) m, how far the pose graph moved each sweep
     loops        number of loop closures that were verified
+    looped       the two sweeps of each
     disagreement median distance between overlapping sweeps, m: with the navigation filter's trajectory and with ours
     constants    what was learnt of the sensors, with units in the names
     """
@@ -50,6 +51,7 @@ class Registered:
     loops: int
     disagreement: tuple[float, float]
     constants: dict[str, Any]
+    looped: list[tuple[int, int]] = field(default_factory=list)
 
 
 def register(
@@ -94,6 +96,7 @@ def register(
         loops=len(loops),
         disagreement=(_disagreement(_placed_by(prior, near, sensors)), _disagreement(far.surfels)),
         constants=_constants(far),
+        looped=[(loop.first, loop.second) for loop in loops],
     )
 
 

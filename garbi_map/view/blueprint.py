@@ -34,10 +34,11 @@ def map_blueprint(seabed: NDArray, route: NDArray, speed: float) -> Blueprint:
 
     eye = _first_look(seabed, route)
     scenes = [_coloured(colouring, eye) for colouring in style.COLOURINGS]
-    hidden = [style.POINTS, style.PROFILE, style.SHEET, style.POSE_SIGMA]
+    hidden = [style.POINTS, style.PROFILE, style.SHEET, style.POSE_SIGMA, style.REJECTED, style.LOOPS]
     scenes.append(_scene(SURFACE, [f"- /{thing.path}" for thing in hidden], eye, {}))
     curves = rrb.Tabs(
-        rrb.Vertical(_plot(style.DRIFT_POSITION), _plot(style.DRIFT_TILT), _plot(style.DRIFT_YAW), name="Drift"),
+        rrb.Vertical(_plot(style.DRIFT_POSITION), _plot(style.DRIFT_TILT), name="Drift"),
+        rrb.Vertical(_plot(style.DRIFT_YAW), name="Heading"),
         rrb.Vertical(
             _plot(style.MISFIT),
             rrb.BarChartView(origin=style.ROUNDS, name="Distance of matches by round, mm", plot_legend=_no_legend()),
@@ -98,6 +99,16 @@ def decision_blueprint() -> Blueprint:
     )
 
 
+def work_blueprint() -> Blueprint:
+    """The layout of a map while it is built."""
+    import rerun.blueprint as rrb
+
+    scene = rrb.Spatial3DView(
+        origin=style.WORLD, name="The map as it grows", background=style.BACKGROUND, line_grid=False
+    )
+    return rrb.Blueprint(scene, *_panels(1.0))
+
+
 def _screen(scene: Any, curves: Any, speed: float) -> Blueprint:
     import rerun.blueprint as rrb
 
@@ -133,7 +144,13 @@ def _coloured(colouring: style.Colouring, eye: EyeControls3D) -> View:
         "Points3D:colors", ComponentSourceKind.SourceComponent, source_component=colouring.component
     )
     shown = [rr.Points3D.from_fields().visualizer(mappings=[source]), _until_now()]
-    hidden = [style.MESH] if colouring.name == "Uncertainty" else [style.MESH, style.POSE_SIGMA]
+    hidden = [style.MESH]
+    if colouring.name != "Uncertainty":
+        hidden.append(style.POSE_SIGMA)
+    if colouring.name != "Residual":
+        hidden.append(style.REJECTED)
+    if colouring.name != "Sweep":
+        hidden.append(style.LOOPS)
     return _scene(colouring.name, [f"- /{thing.path}" for thing in hidden], eye, {f"/{style.POINTS.path}": shown})
 
 

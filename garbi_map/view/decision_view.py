@@ -33,14 +33,12 @@ def stream_decisions(recording: RecordingStream, log: Log) -> Iterator[int]:
     """Send the decisions of a replay; yields the stamp, ns, up to which they have been sent. Memory: a batch of ticks."""
     import rerun as rr
 
-    recording.log(style.WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    draw_body(recording)
-    sender = Decisions(recording)
-    begin: int | None = None
+    sender = begin(recording)
+    first: int | None = None
     batch: list[Tick] = []
     end = log.end_ns
     for tick in read_ticks(log):
-        begin = tick.stamp_ns if begin is None else begin
+        first = tick.stamp_ns if first is None else first
         end = tick.stamp_ns
         batch.append(tick)
         if len(batch) == _BATCH:
@@ -51,10 +49,19 @@ def stream_decisions(recording: RecordingStream, log: Log) -> Iterator[int]:
         sender.send(batch)
     verdicts, spans = read_verdicts(log), spans_of(log)
     for name, said in verdicts.items():
-        sender.lanes.verdict(name, said, (end if begin is None else begin), end, spans.get(name))
+        sender.lanes.verdict(name, said, end if first is None else first, end, spans.get(name))
     sender.lanes.finish(end)
     recording.log(style.ABOUT, rr.TextDocument(_about(verdicts), media_type="text/markdown"), static=True)
     yield end
+
+
+def begin(recording: RecordingStream) -> Decisions:
+    """What is drawn before the first tick."""
+    import rerun as rr
+
+    recording.log(style.WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    draw_body(recording)
+    return Decisions(recording)
 
 
 class Decisions:

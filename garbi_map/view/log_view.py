@@ -62,7 +62,7 @@ def stream_log(
     silence, lanes = Silence(), Lanes(recording)
     known: list[str] = []
     losses = ImageLosses()
-    drawn, damaged = False, 0
+    drawn, damaged, lost_until = False, 0, 0
     for begin, end in _windows(log):
         navigation = log.navigation(
             begin - _MARGIN_NS, end + _MARGIN_NS, joint=rig.laser.joint if rig else "laser_joint"
@@ -76,7 +76,8 @@ def stream_log(
             send_losses(recording, [gap.line], gap.begin_ns)
             lanes.span(gap.sensor, style.NOTHING, gap.begin_ns, gap.end_ns)
         for first, last in log.damaged[damaged:]:
-            lanes.span("log", style.DAMAGED, first, last)
+            lanes.span("log", style.DAMAGED, max(first, lost_until), last)
+            lost_until = last
         damaged = len(log.damaged)
         new = [line for line in log.losses if line not in known]
         known += new

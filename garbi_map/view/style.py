@@ -82,7 +82,6 @@ POINTS = Thing("map/seabed/points", (30, 116, 148), "points", "the map as it gro
 
 LOOPS = Thing("map/route/loops", WELL, "green lines", "two passes over the same ground that were found to be the same")
 TRUTH_ROUTE = Thing("map/truth/route", TRUTH, "violet line", "the true path, where the log of a simulation has it")
-TRUTH_SEABED = Thing("map/truth/seabed", TRUTH, "violet points", "the true seabed, likewise")
 REJECTED = Thing("map/seabed/moving", ALARM, "red points", "what moved or floated: seen, and left out of the map")
 COMPARED = "map/compare"
 """Where what changed since another map is drawn."""
@@ -150,7 +149,9 @@ ATTITUDE = Plot("curves/attitude", "Attitude, degrees", tuple(zip(("roll", "pitc
 VELOCITY = Plot("curves/velocity", "Velocity over ground, m/s", tuple(zip("xyz", AXES, strict=True)))
 STRENGTH = Plot("curves/stripe", "Stripe: strength of 255, rows seen in %", (("strength", LASER), ("rows seen", OURS)))
 BACKSCATTER = Plot(
-    "curves/water", "Water: backscatter beside the stripe, of 255", (("left of it", CAUTION), ("right of it", NAVIGATION))
+    "curves/water",
+    "Water: backscatter beside the stripe, of 255",
+    (("left of it", CAUTION), ("right of it", NAVIGATION)),
 )
 SURGE = Plot("curves/surge", "Surge, m/s", (("asked for", NAVIGATION), ("commanded", OURS)))
 
