@@ -39,14 +39,14 @@ def send_image(recording: RecordingStream, image: Image) -> int:
     """A compressed image as it is, a raw one decoded; returns its bytes. One that cannot be decoded is left out."""
     import rerun as rr
 
-    from garbi_map.stripe.decode import UnusableImage, decode
-
     data = bytes(image.data)
     media = _COMPRESSED.get(data[:2])
     shown: AsComponents
     if media is not None:
         shown = rr.EncodedImage(contents=data, media_type=media)
     else:
+        from garbi_map.stripe.decode import UnusableImage, decode  # slow to import, and seldom needed
+
         try:
             pixels = decode(image)
         except UnusableImage:
