@@ -20,6 +20,8 @@ _FROM = np.array([-0.42, -0.58, 0.46])
 """Where the first look comes from, in sizes of the scene: astern, from starboard, above."""
 _VEHICLE = 0.45
 """m from the vehicle's centre to its outside."""
+_OF_THE_MAP = ("Uncertainty", "Residual")
+"""Colourings that are seen without the vehicle: it would hide what they are for."""
 _LATELY = 4.0
 """s of profiles that are seen at once in a log."""
 
@@ -33,7 +35,8 @@ def map_blueprint(seabed: NDArray, route: NDArray, speed: float) -> Blueprint:
     import rerun.blueprint as rrb
 
     eye = _first_look(seabed, route)
-    scenes = [_coloured(colouring, eye) for colouring in style.COLOURINGS]
+    near = _first_look(seabed, seabed, 0.0)
+    scenes = [_coloured(one, near if one.name in _OF_THE_MAP else eye) for one in style.COLOURINGS]
     hidden = [style.POINTS, style.PROFILE, style.SHEET, style.POSE_SIGMA, style.REJECTED, style.LOOPS]
     scenes.append(_scene(SURFACE, [f"- /{thing.path}" for thing in hidden], eye, {}))
     curves = rrb.Tabs(
@@ -151,7 +154,10 @@ def _coloured(colouring: style.Colouring, eye: EyeControls3D) -> View:
         hidden.append(style.REJECTED)
     if colouring.name != "Sweep":
         hidden.append(style.LOOPS)
-    return _scene(colouring.name, [f"- /{thing.path}" for thing in hidden], eye, {f"/{style.POINTS.path}": shown})
+    without = [f"- /{thing.path}" for thing in hidden]
+    if colouring.name in _OF_THE_MAP:
+        without.append(f"- /{style.VEHICLE}/**")
+    return _scene(colouring.name, without, eye, {f"/{style.POINTS.path}": shown})
 
 
 def _scene(name: str, without: list[str], eye: EyeControls3D, overrides: Mapping[EntityPathLike, Any]) -> View:
@@ -168,11 +174,11 @@ def _scene(name: str, without: list[str], eye: EyeControls3D, overrides: Mapping
     )
 
 
-def _first_look(seabed: NDArray, route: NDArray) -> EyeControls3D:
+def _first_look(seabed: NDArray, route: NDArray, around: float = _VEHICLE) -> EyeControls3D:
     import rerun.blueprint as rrb
 
-    low = np.minimum(seabed.min(axis=0), route.min(axis=0) - _VEHICLE)
-    high = np.maximum(seabed.max(axis=0), route.max(axis=0) + _VEHICLE)
+    low = np.minimum(seabed.min(axis=0), route.min(axis=0) - around)
+    high = np.maximum(seabed.max(axis=0), route.max(axis=0) + around)
     target = (low + high) / 2
     return rrb.EyeControls3D(
         position=target + float(np.linalg.norm(high - low)) * _FROM, look_target=target, eye_up=(0, 0, 1)

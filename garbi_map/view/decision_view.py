@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 _BATCH = 100
 """Ticks that are sent at once, and held in memory."""
+_HULL = 0.9
+"""m about the vehicle's centre in which free water is not drawn."""
 _VOXEL = 0.1
 """m, of the volume that the behaviours keep."""
 _ABOVE = np.array([0.0, 0.0, 0.25])
@@ -159,7 +161,9 @@ class Decisions:
                 half = np.full((int(full.sum()), 3), 0.45 * _VOXEL, np.float32)
                 boxes = rr.Boxes3D.from_fields(centers=tick.volume[full, :3], half_sizes=half)
                 self.recording.log(style.OCCUPIED.path, boxes)
-                self.recording.log(style.FREE.path, rr.Points3D.from_fields(positions=tick.volume[~full, :3]))
+                free = tick.volume[~full, :3]
+                free = free[np.linalg.norm(free - _pose(tick)[0], axis=1) > _HULL]  # the hull is free of itself
+                self.recording.log(style.FREE.path, rr.Points3D.from_fields(positions=free))
             self._send_moving(tick)
         self.recording.reset_time()
 
