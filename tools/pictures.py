@@ -19,8 +19,8 @@ PICTURES = {"map": ("Depth", 0.75, False), "uncertainty": ("Uncertainty", 1.0, T
 """File -> tab, share of the dive that has passed, and whether the view is alone in the picture."""
 DECISION = 0.6
 """Share of the log that has passed when something crosses the vehicle's way."""
-MOST = 40
-"""Pixels of one colour that count when a picture's palette is chosen."""
+MOST = 2000
+"""Pixels of one colour that count at most when a picture's palette is chosen; of n pixels, 2 sqrt(n) count."""
 
 
 def take_pictures(folder: Path, out: Path) -> list[Path]:
@@ -60,7 +60,7 @@ def shrink(picture: Path) -> None:
     if pixels.size == (1920, 1080):
         pixels = pixels.crop((0, 37, 1920, 1080)).resize((1600, 869), Image.Resampling.LANCZOS)
     colours, counts = np.unique(np.asarray(pixels).reshape(-1, 3) // 4 * 4 + 2, axis=0, return_counts=True)
-    sample = np.repeat(colours, np.clip(counts, 1, MOST), axis=0)[None].astype(np.uint8)
+    sample = np.repeat(colours, np.clip(2 * np.sqrt(counts), 1, MOST).astype(int), axis=0)[None].astype(np.uint8)
     palette = Image.fromarray(sample).quantize(256, Image.Quantize.MEDIANCUT, kmeans=2)
     pixels.quantize(palette=palette, dither=Image.Dither.NONE).save(picture, optimize=True)
 

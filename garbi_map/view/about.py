@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from garbi_map.view import style
+from garbi_map.view.cloud import FinishedMap
 
 if TYPE_CHECKING:
     from garbi_map.dive import Dive, Map
@@ -28,7 +29,10 @@ def about_map(dive: Dive, built: Map, truth: bool = False) -> str:
     things = [style.ROUTE, style.ROUTE_NAVIGATION, style.PROFILE, style.SHEET, style.STRIPE, style.POSE_SIGMA]
     if truth:
         things.append(style.TRUTH_ROUTE)
-    more = f"*Sweep* also has {style.LOOPS.name}: {style.LOOPS.meaning}; "
+    finished = FinishedMap.of(built.seabed, (0, 1))
+    sigma, off = 1e3 * finished.weakest, 1e3 * finished.off
+    more = f"Yellow is 1 sigma of {sigma:.1f} mm and more, red and blue are {off:.1f} mm off. "
+    more += f"*Sweep* also has {style.LOOPS.name}: {style.LOOPS.meaning}; "
     more += f"*Residual* has {style.REJECTED.name}: {style.REJECTED.meaning}"
     return f"""\
 **{built.seabed.area:.1f} m² of seabed in {seconds:.0f} s**, {built.registered.loops} loop closures. {overlap}

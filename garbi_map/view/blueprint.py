@@ -148,7 +148,7 @@ def _coloured(colouring: style.Colouring, eye: EyeControls3D) -> View:
     )
     shown = [rr.Points3D.from_fields().visualizer(mappings=[source]), _until_now()]
     hidden = [style.MESH]
-    if colouring.name != "Uncertainty":
+    if colouring.name not in ("Uncertainty", "Sweep"):
         hidden.append(style.POSE_SIGMA)
     if colouring.name != "Residual":
         hidden.append(style.REJECTED)
