@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import queue
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 
 _WAITING = 4
 """Things that wait to be sent at most; what comes while so many wait is not shown."""
+_REST = 15.0
+"""Times as long as it has worked the thread rests: it shares the interpreter with the work."""
 
 
 class Live:
@@ -52,10 +55,12 @@ class Live:
                 thing = self._things.get(timeout=0.1)
             except queue.Empty:
                 continue
+            begin = time.thread_time()
             try:
                 self._send(self._recording, thing)
             except Exception:  # whatever a view does wrong, the work goes on
                 self.dropped += 1
+            self._ended.wait(_REST * (time.thread_time() - begin))
 
 
 @contextmanager
