@@ -66,7 +66,7 @@ def test_two_seconds_without_an_imu_are_bridged_and_named(one):
     registered, navigated = register_dive(with_imu(one, (t < 7.0) | (t > 9.0)))
     assert floor_error(one, registered.trajectory) < 1.5 * floor_error(one, true_trajectory(one.store.stamps()))
     assert not [offset for offset in registered.clocks if offset.state == "applied"]
-    assert "IMU: silent 1 times, 2.0 s in all" in navigated.report["notes"]
+    assert "IMU: silent 1 time, 2.0 s in all" in navigated.report["notes"]
 
 
 def test_a_pause_of_the_dvl_or_of_the_pressure_is_named(one):

@@ -47,6 +47,7 @@ class Registered:
     rounds       what each round of the drift estimate found, per window, the far rounds after the near ones
     graph_step   (k,) m, how far the pose graph moved each sweep
     loops        number of loop closures that were verified
+    looped       the two sweeps of each
     agreement    how well overlapping sweeps agree with the navigation filter's trajectory and with ours
     constants    what was learnt of the sensors, with units in the names
     clocks       by how much the stamps of sensors and encoder differ from the camera's
@@ -60,6 +61,7 @@ class Registered:
     agreement: Agreement
     constants: dict[str, Any]
     clocks: list[Offset] = field(default_factory=list)
+    looped: list[tuple[int, int]] = field(default_factory=list)
 
 
 def register(
@@ -105,6 +107,7 @@ def register(
         agreement=compare_placements(store, mount, prior, trajectory, _placed_by(prior, far, sensors), far.surfels),
         constants=_constants(far),
         clocks=clocks,
+        looped=[(loop.first, loop.second) for loop in loops],
     )
 
 
