@@ -65,10 +65,10 @@ def correction(navigation: Trajectory, trajectory: Trajectory) -> Correction:
     )
 
 
-def _sigma(covariance: Floats, turn: Rotation) -> Floats:
+def _sigma(covariance: NDArray[np.floating], turn: Rotation) -> Floats:
     """1 sigma (n, 3) along the axes of a turned frame."""
     matrix = np.broadcast_to(turn.as_matrix(), covariance.shape)
-    return np.sqrt(np.maximum(np.einsum("nij,njk,nik->ni", matrix, covariance, matrix), 0.0))
+    return np.asarray(np.sqrt(np.maximum(np.einsum("nij,njk,nik->ni", matrix, covariance, matrix), 0.0)), np.float64)
 
 
 def draw_correction(found: Correction, begin_ns: int) -> str:

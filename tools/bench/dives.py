@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import shutil
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from garbi_map.log import Navigation
 from garbi_map.navigate import NavigateSettings, Trajectory
 from garbi_map.pipeline import open_dive, sweeps_of
 from garbi_map.progress import Silent
+from garbi_map.register import Scanner
 from garbi_map.sweep import laser_angle, make_sweeps
 from garbi_map.sweep.store import SweepStore
 from tools.simulator.dive import Dive
@@ -38,13 +40,20 @@ REMOVED: dict[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class BenchDive:
-    """Sweeps on disk, what the other sensors measured, and the truth; length in seconds."""
+    """Sweeps on disk, the scanner and the other sensors that made them, and the truth; length in seconds."""
 
     name: str
     store: SweepStore
+    scanner: Scanner
     navigation: Navigation
     truth: Truth
     length: float
+
+    def copied(self, folder: Path) -> SweepStore:
+        """Sweeps of one's own: the registration corrects them for the encoder's latency where they lie."""
+        store = SweepStore.open(Path(shutil.copytree(self.store.folder, folder)))
+        assert store is not None
+        return store
 
     def without(self, removed: str, settings: NavigateSettings) -> tuple[Navigation, NavigateSettings]:
         """The measurements that are left, and settings that do not use the attitude where that is removed."""
@@ -75,7 +84,8 @@ def recorded(folder: Path, work: Path, config: Config) -> BenchDive:
     dive = open_dive([folder / "dive.mcap"], config, None)
     store = sweeps_of(dive, work / folder.name, 2, Silent())
     length = (dive.log.end_ns - dive.log.begin_ns) * 1e-9
-    return BenchDive(folder.name, store, dive.navigation, read_truth([folder]), length)
+    scanner = Scanner(dive.rig, dive.angle, dive.navigation.mount("rig"))
+    return BenchDive(folder.name, store, scanner, dive.navigation, read_truth([folder]), length)
 
 
 def simulated(name: str, scenario: Scenario, work: Path, config: Config) -> BenchDive:
@@ -85,9 +95,9 @@ def simulated(name: str, scenario: Scenario, work: Path, config: Config) -> Benc
     made_of = f"{scenario.model_dump_json()} {config.sweep.model_dump_json()}"
     folder = work / f"{name}-{hashlib.sha256(made_of.encode()).hexdigest()[:12]}"
     store = SweepStore.open(folder)
+    angle = laser_angle(navigation.encoder, dive.rig, config.sweep)
     if store is None:
         store = SweepStore(folder)
-        angle = laser_angle(navigation.encoder, dive.rig, config.sweep)
         for sweep in make_sweeps(dive.stripes(workers=0), dive.rig, angle, config.sweep):
             store.add(sweep)
         store.finish([])
@@ -96,4 +106,5 @@ def simulated(name: str, scenario: Scenario, work: Path, config: Config) -> Benc
     trajectory = Trajectory(to_ns(times), poses.position, poses.rotation.as_quat(), np.zeros((len(times), 6, 6)))
     vertices, triangles = dive.scene.mesh
     truth = Truth(trajectory, (vertices, triangles.astype(np.int32)), dive.seen())
-    return BenchDive(name, store, navigation, truth, scenario.duration)
+    scanner = Scanner(dive.rig, angle, navigation.mount("rig"))
+    return BenchDive(name, store, scanner, navigation, truth, scenario.duration)

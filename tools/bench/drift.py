@@ -123,10 +123,12 @@ def bench(dive: BenchDive, removals: list[str], only_this: bool) -> Iterator[Row
                 begin = time.process_time()
                 made = way(dive.store, prior, mount)
                 yield row(without, method, scorer.score(made), took + time.process_time() - begin)
-        begin = time.process_time()
-        found = register(dive.store, left, navigated, config.registration, settings)
-        took += time.process_time() - begin
-        yield row(without, "this map", scorer.score(found.trajectory, found.inside), took)
+        with tempfile.TemporaryDirectory() as scratch:
+            store = dive.copied(Path(scratch) / "sweeps")
+            begin = time.process_time()
+            found = register(store, left, navigated, config.registration, settings, scanner=dive.scanner)
+            took += time.process_time() - begin
+            yield row(without, "this map", scorer.score(found.trajectory, found.inside, store=store), took)
 
 
 if __name__ == "__main__":

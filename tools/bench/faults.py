@@ -24,14 +24,12 @@ from rich.table import Table
 from scipy.spatial.transform import Rotation
 
 from garbi_map.config import Config
-from garbi_map.evaluate import read_truth
 from garbi_map.log.records import Navigation
 from garbi_map.navigate import navigate
 from garbi_map.outputs import drift_notes
-from garbi_map.pipeline import open_dive, sweeps_of
-from garbi_map.progress import Silent
-from garbi_map.register import Scanner, register
-from tools.bench.map import score
+from garbi_map.register import register
+from tools.bench.dives import recorded
+from tools.bench.scores import Scorer
 
 Fault = tuple[str, Callable[[Any], dict[str, NDArray[Any]]]]
 """A sensor of Navigation, and which columns of its record become what."""
@@ -146,18 +144,15 @@ def main() -> None:
 
 def run(folder: Path, name: str) -> Row:
     """One fault: from the sweeps to the trajectory, scored against the truth."""
-    truth = read_truth([folder])
-    dive = open_dive([folder / "dive.mcap"], Config(), None)
-    dive.navigation = spoilt(dive.navigation, FAULTS[name])
+    config = Config()
     with tempfile.TemporaryDirectory() as scratch:
-        store = sweeps_of(dive, Path(scratch) / "sweeps", 2, Silent())
-        log, config = dive.navigation, dive.config
+        dive = recorded(folder, Path(scratch), config)
+        log, store = spoilt(dive.navigation, FAULTS[name]), dive.copied(Path(scratch) / "own")
         navigated = navigate(log, config.navigate, store.stamps())
-        scanner = Scanner(dive.rig, dive.angle, log.mount("rig"))
-        made = register(store, log, navigated, config.registration, config.navigate, scanner=scanner)
-        row = score(folder.name, "", "", store, made.trajectory, dive, truth)
-        said = [*dive.left_out, *navigated.report["notes"], *drift_notes(made)]
-    return Row(name, row.cloud.median_mm, row.cloud.p95_mm, row.ate_mm, said)
+        made = register(store, log, navigated, config.registration, config.navigate, scanner=dive.scanner)
+        score = Scorer(dive, config).score(made.trajectory, store=store)
+        said = [*navigated.report["notes"], *drift_notes(made)]
+    return Row(name, score.cloud.median_mm, score.cloud.p95_mm, score.ate_mm, said)
 
 
 def spoilt(log: Navigation, fault: Fault) -> Navigation:

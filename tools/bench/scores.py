@@ -69,11 +69,17 @@ class Scorer:
         """The figures of the true poses."""
         return self.score(self.true, cloud=self._true_cloud)
 
-    def score(self, made: Trajectory, covariances: Trajectory | None = None, cloud: Floats | None = None) -> Score:
+    def score(
+        self,
+        made: Trajectory,
+        covariances: Trajectory | None = None,
+        cloud: Floats | None = None,
+        store: SweepStore | None = None,
+    ) -> Score:
         """The figures of a trajectory.
 
         covariances: the same poses with the covariance inside the map, if there is one; cloud (n, 3): the accepted points
-        in its map, made here if they are not given.
+        in its map, made here if they are not given; store: the sweeps that it places, if they are not the dive's.
         """
         stamps = self._dive.store.stamps()
         stamps = stamps[(stamps >= self.true.stamp_ns[0]) & (stamps <= self.true.stamp_ns[-1])]
@@ -81,7 +87,9 @@ class Scorer:
         rotation, shift = rigid_alignment(here, there)
         off = there.position - rotation.apply(here.position) - shift
         turned = (there.rotation * (rotation * here.rotation).inv()).magnitude()
-        points = self._surface.aligned(rotation.apply(self._cloud(made) if cloud is None else cloud) + shift)
+        points = self._surface.aligned(
+            rotation.apply(self._cloud(made, store or self._dive.store) if cloud is None else cloud) + shift
+        )
         position, attitude = (None, None) if covariances is None else self._honesty(covariances)
         return Score(
             self._surface.errors(points, self._dive.truth.seen),
@@ -99,16 +107,16 @@ class Scorer:
 
     @cached_property
     def _true_cloud(self) -> Floats:
-        return self._cloud(self.true)
+        return self._cloud(self.true, self._dive.store)
 
-    def _cloud(self, trajectory: Trajectory) -> Floats:
+    def _cloud(self, trajectory: Trajectory, store: SweepStore) -> Floats:
         """The accepted points (n, 3) in the trajectory's map."""
         mount = self._dive.navigation.mount("rig")
         points: list[Floats] = []
-        stride = thinning(self._dive.store)
+        stride = thinning(store)
 
         def posed() -> Iterator[tuple[Sweep, Trajectory]]:
-            for sweep in self._dive.store:
+            for sweep in store:
                 yield sweep, trajectory.at(sweep.stamp_ns).mounted(mount)
 
         def take(accepted: AcceptedPoints) -> None:

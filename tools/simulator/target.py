@@ -88,10 +88,10 @@ class Booth:
             reflect[near] = value
         reach[np.isinf(reach)] = np.nan
         points = (self._origin + reach[:, None] * self._direction) @ camera.rotation.T + camera.centre
-        reflect = reflect.reshape(-1, look.samples**2)
-        points = points.reshape(*reflect.shape, 3)
-        still = reflect.mean(axis=1).reshape(camera.height, camera.width)
-        return Placed(reflect, points, np.linalg.norm(points[:, -1] - points[:, 0], axis=1), still)
+        samples = reflect.reshape(-1, look.samples**2)
+        points = points.reshape(*samples.shape, 3)
+        still = samples.mean(axis=1).reshape(camera.height, camera.width)
+        return Placed(samples, points, np.linalg.norm(points[:, -1] - points[:, 0], axis=1), still)
 
     def image(self, placed: Placed, alpha: float | None, rng: np.random.Generator) -> NDArray[np.uint8]:
         """BGR (h, w, 3) with the stripe at alpha, if any; what is random in it comes from rng."""
