@@ -91,7 +91,7 @@ def test_what_is_removed_is_gone() -> None:
     from tools.simulator.scenario import Route, Scenario, Seabed
 
     small = Scenario(duration=1.0, route=Route(kind="station"), seabed=Seabed(margin=0.3, stones=0.0))
-    dive = BenchDive("station", None, Dive(small).fly().navigation(), Truth(), 1.0)  # type: ignore[arg-type]
+    dive = BenchDive("station", None, None, Dive(small).fly().navigation(), Truth(), 1.0)  # type: ignore[arg-type]
     for removed, gone in REMOVED.items():
         left, settings = dive.without(removed, NavigateSettings())
         assert left.encoder is not None
