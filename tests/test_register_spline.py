@@ -54,10 +54,10 @@ def test_a_cubic_is_reproduced(order):
     assert spline.value(control, t[:-1], order)[:, 0] == pytest.approx(cubic.deriv(order)(t[:-1]), abs=1e-7)
 
 
-def test_a_third_derivative_is_refused():
-    """A cubic has no continuous third derivative."""
-    with pytest.raises(ValueError, match="derivative 3"):
-        UniformSpline(0.0, 1.0, 0.1).basis(np.zeros(1), 3)
+def test_a_fourth_derivative_is_refused():
+    """A cubic has three; the third is constant between two knots."""
+    with pytest.raises(ValueError, match="derivative 4"):
+        UniformSpline(0.0, 1.0, 0.1).basis(np.zeros(1), 4)
 
 
 @pytest.mark.parametrize("end", [10.0, 10.01, 10.15])
