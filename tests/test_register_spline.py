@@ -55,7 +55,7 @@ def test_a_cubic_is_reproduced(order):
 
 
 def test_a_fourth_derivative_is_refused():
-    """A cubic has none."""
+    """A cubic has three; the third is constant between two knots."""
     with pytest.raises(ValueError, match="derivative 4"):
         UniformSpline(0.0, 1.0, 0.1).basis(np.zeros(1), 4)
 

@@ -124,7 +124,7 @@ def _synchronised(
     applied = {ENCODER: store.latency} if store.latency else {}
     clocks: list[Offset] = []
     for attempt in range(_ATTEMPTS):
-        progress("neighbours in time" if attempt == 0 else "neighbours in time, clocks corrected")
+        progress("clocks" if attempt == 0 else "clocks, corrected")
         stamps = store.stamps()
         span = (0.0, float((stamps[-1] - stamps[0]) * 1e-9))
         right = restamped(log, clocks)
@@ -140,7 +140,9 @@ def _synchronised(
         if scanner is not None and latency != store.latency:
             store.retime(partial(scanner.retimed, latency=latency), latency)
         applied = told
-    return near, Sensors(right, *known), clocks
+    progress("neighbours in time")
+    sensors = Sensors(right, *known)  # what is settled is not asked again: unknowns that nothing needs cost sharpness
+    return solve_near(store, log.mount("rig"), sensors, span, settings.drift, progress), sensors, clocks
 
 
 def _retimed(store: SweepStore, far: Solution, clocks: list[Offset], scanner: Scanner | None) -> list[Offset]:

@@ -23,7 +23,6 @@ from garbi_map.register.factors import (
     Height,
     Nominal,
     Position,
-    far_from,
 )
 from garbi_map.register.motion import PriorAttitude
 from garbi_map.register.scanner import Changes, Scanner
@@ -35,8 +34,8 @@ CLOCK_SIGMA = 0.025
 """s; clocks that nothing synchronises differ by tens of milliseconds."""
 _BIN = 0.04
 """Accelerations are averaged over this many seconds: shorter than the position's knots, longer than the sensor's noise."""
-_TREMBLE = 0.02
-"""s; farther than that from the gyro's readings the navigation filter's attitude is not its."""
+_LONG_SILENCE = 0.5
+"""s; the navigation filter bridges shorter ones of the IMU better than a straight line."""
 _MOMENT_NS = 50_000_000
 """To either side, over which the navigation filter's velocity is taken."""
 _CONTRADICTION = 0.05
@@ -74,7 +73,7 @@ class Sensors:
 
     @property
     def prior_attitude(self) -> PriorAttitude:
-        """The navigation filter's, whose short-term shape is the gyro's; straight on where the gyro is silent.
+        """The navigation filter's, whose short-term shape is the gyro's; straight on where the IMU is silent.
 
         There the filter's attitude trembles with every ping of the DVL, which no spline of a second's knots takes back;
         and where no sensor tells the attitude at all, a level vehicle is a better start.
@@ -82,9 +81,13 @@ class Sensors:
         if not self.attitude_known:
             heading = self.trajectory.rotation[0].as_euler("ZYX")[0]
             return PriorAttitude(np.zeros(1), Rotation.from_euler("z", [[heading]]).as_quat())
-        time = self.seconds(self.trajectory.stamp_ns)
-        told = ~far_from(time, self._attitude_times(), _TREMBLE)
-        return PriorAttitude(time[told], self.trajectory.quaternion[told])
+        time, told = self.seconds(self.trajectory.stamp_ns), self._attitude_times()
+        if self.inertial is not None:
+            spoken = self.inertial.rate_known | np.isfinite(self.inertial.attitude).all(axis=1)
+            told = self.seconds(self.inertial.stamp_ns[spoken])
+        after = np.clip(np.searchsorted(told, time), 1, len(told) - 1)
+        inside = (told[after] - told[after - 1] > _LONG_SILENCE) & (time > told[after - 1]) & (time < told[after])
+        return PriorAttitude(time[~inside], self.trajectory.quaternion[~inside])
 
     @property
     def attitude_known(self) -> bool:
