@@ -180,12 +180,9 @@ def _path(
     velocity = forward.velocity[rows] + error[:, 3:6] - np.cross(spin, reach)
     lever = np.tile(np.eye(6), (len(nodes), 1, 1))
     lever[:, :3, 3:] = _cross_matrices(reach[on_node])
-    at_nodes = (lever @ smoothed.pose @ lever.transpose(0, 2, 1)).astype(np.float32)  # an hour of them is 50 MB
-    covariance = at_nodes[after - 1]
-    change = at_nodes[after]
-    change -= covariance
-    change *= weight[:, :, None]
-    covariance += change
+    at_nodes = (lever @ smoothed.pose @ lever.transpose(0, 2, 1)).astype(np.float32)
+    known = Trajectory(base.stamp_ns[nodes], forward.position[nodes], forward.quaternion[nodes], at_nodes)
+    covariance = known.at(base.stamp_ns[rows]).covariance
     position -= [*position[0, :2], 0.0 if has_depth else position[0, 2]]
     return Trajectory(base.stamp_ns[rows], position, rotation.as_quat(), covariance), velocity
 
