@@ -140,9 +140,7 @@ def _synchronised(
         if scanner is not None and latency != store.latency:
             store.retime(partial(scanner.retimed, latency=latency), latency)
         applied = told
-    progress("neighbours in time")
-    sensors = Sensors(right, *known)  # what is settled is not asked again: unknowns that nothing needs cost sharpness
-    return solve_near(store, log.mount("rig"), sensors, span, settings.drift, progress), sensors, clocks
+    return near, Sensors(right, *known), clocks
 
 
 def _retimed(store: SweepStore, far: Solution, clocks: list[Offset], scanner: Scanner | None) -> list[Offset]:
