@@ -168,7 +168,7 @@ class Bundle:
         """
         count = len(self.free)
         own = covariance[:count, :count]
-        if not count or not np.isfinite(own).all():
+        if not count or not np.isfinite(covariance).all():
             return np.zeros((count, count))
         scale = np.sqrt(np.diag(own))
         values, vectors = np.linalg.eigh(own / scale[:, None] / scale)
