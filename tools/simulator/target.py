@@ -77,7 +77,17 @@ class Booth:
             place, axes = rotation.apply(face.origin) + translation, rotation.apply([face.u, face.v, face.normal])
             levels = (look.paper, look.ink)
             kernels.see_face(
-                self._origin, self._direction, place, axes, face.size, look.margin, texture, scale, levels, reach, reflect
+                self._origin,
+                self._direction,
+                place,
+                axes,
+                face.size,
+                look.margin,
+                texture,
+                scale,
+                levels,
+                reach,
+                reflect,
             )
         reach[np.isinf(reach)] = np.nan
         points = (self._origin + reach[:, None] * self._direction) @ camera.rotation.T + camera.centre
