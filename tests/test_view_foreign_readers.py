@@ -1,4 +1,4 @@
-"""Logs and decisions open in Rerun's own reader of MCAP: images, camera, frames, readings and points mean something there."""
+"""Logs and decisions open in Rerun's own reader of MCAP: images, frames, readings and points mean something there."""
 
 from __future__ import annotations
 
