@@ -131,6 +131,14 @@ def test_what_else_was_seen_is_drawn(dive: Path, tmp_path: Path) -> None:
     assert 10.0 < np.nanmedian(water) < 20.0
 
 
+def test_a_recording_is_not_much_larger_than_its_log(dive: Path, tmp_path: Path) -> None:
+    """At most half as large again, with everything that is drawn; without images a fraction."""
+    save_log(dive, Wishes(), tmp_path / "log.rrd")
+    assert (tmp_path / "log.rrd").stat().st_size < 1.5 * dive.stat().st_size
+    save_log(dive, Wishes(no_images=True), tmp_path / "bare.rrd")
+    assert (tmp_path / "bare.rrd").stat().st_size < 0.5 * dive.stat().st_size
+
+
 def test_a_recording_of_an_old_rerun_is_named(tmp_path: Path) -> None:
     """Its format can no longer be read; the way out is said."""
     (tmp_path / "old.rrd").write_bytes(b"RRF1" + bytes(60))

@@ -35,8 +35,10 @@ _FIRST_NS, _WINDOW_NS = 500_000_000, 5_000_000_000
 _MARGIN_NS = 1_000_000_000
 """More of the encoder than the window: the laser's angle is smoothed."""
 _MOST_WINDOWS = 10_000
-_MOST_ROWS = 192
-"""Points of a stripe that are drawn."""
+_DRAWN = (24, 192)
+"""Fewest and most points of a stripe that are drawn."""
+_SHARE = 0.006
+"""Points of a stripe per byte that the log has for each image: what is drawn of an image is small beside it."""
 _PLOTS = (style.ENCODER, style.STRENGTH, style.ATTITUDE, style.DEPTH, style.VELOCITY, style.BACKSCATTER)
 
 
@@ -177,15 +179,16 @@ def _send_camera(
     if not stripes:
         return
     stamps = np.array([stripe.stamp_ns for stripe in stripes], np.int64)
-    picks = [thinned(len(stripe.u), _MOST_ROWS) for stripe in stripes]
+    most = int(np.clip(_SHARE * log.size / max(log.image_count, 1), *_DRAWN))
+    picks = [thinned(len(stripe.u), most) for stripe in stripes]
     lengths = np.array([len(pick) for pick in picks])
     u = np.concatenate([stripe.u[pick] for stripe, pick in zip(stripes, picks, strict=True)])
     row = np.concatenate([stripe.row[pick] for stripe, pick in zip(stripes, picks, strict=True)])
     seen = [detector.take(stripe.stamp_ns) for stripe in stripes]
     send_curves(recording, style.BACKSCATTER, stamps, [one.water for one in seen])
     if config.view.images:
-        send_candidates(recording, stamps, [one.others[thinned(len(one.others), _MOST_ROWS // 2)] for one in seen])
-        send_sigma(recording, stripes)
+        send_candidates(recording, stamps, [one.others[thinned(len(one.others), most // 2)] for one in seen])
+        send_sigma(recording, stripes, most // 4)
         send_stripes(recording, stamps, np.stack([u, row], axis=1), lengths)
     rows = rig.camera.height if rig else max(int(row.max(initial=0)) + 1, 1)
     send_curves(recording, style.STRENGTH, stamps, [_strength(stripe, rows) for stripe in stripes])
