@@ -9,6 +9,7 @@ import numpy as np
 
 from garbi_map.view import style
 from garbi_map.view.cloud import FinishedMap
+from garbi_map.words import many
 
 if TYPE_CHECKING:
     from garbi_map.dive import Dive, Map
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 
 def about_map(dive: Dive, built: Map, truth: bool = False) -> str:
     """Markdown: what the map is worth, and what the screen shows. truth: whether the true path is drawn."""
-    before, after = (1e3 * distance for distance in built.registered.disagreement)
+    before, after = (1e3 * distance for distance in built.registered.agreement.median)
     seconds = (dive.log.end_ns - dive.log.begin_ns) * 1e-9
     overlap = "No two sweeps of the laser overlap, so that nothing checks the path."
     if np.isfinite([before, after]).all():
@@ -35,7 +36,7 @@ def about_map(dive: Dive, built: Map, truth: bool = False) -> str:
     more += f"*Sweep* also has {style.LOOPS.name}: {style.LOOPS.meaning}; "
     more += f"*Residual* has {style.REJECTED.name}: {style.REJECTED.meaning}"
     return f"""\
-**{built.seabed.area:.1f} m² of seabed in {seconds:.0f} s**, {built.registered.loops} loop closures. {overlap}
+**{built.seabed.area:.1f} m² of seabed in {seconds:.0f} s**, {many(built.registered.loops, "loop closure")}. {overlap}
 
 An underwater vehicle swings a sheet of laser light over the seabed, and its camera sees where the light falls.
 Press play, or drag the time below: the map grows as the vehicle scans. {legend(things)}

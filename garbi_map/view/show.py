@@ -6,7 +6,7 @@ Nothing heavy is imported before the viewer has been started, and the first imag
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -64,10 +64,17 @@ def recording_of(path: Path) -> Path | None:
 
 
 def show_recording(file: Path, web: bool, port: int) -> None:
-    """Returns when the viewer is closed. Raises GarbiError where it cannot be opened."""
+    """Returns when the viewer is closed; in a browser the map's report is served beside it.
+
+    Raises GarbiError where it cannot be opened.
+    """
+    from garbi_map.view.report_server import REPORT, report_server
+
     with viewer(file, web, port) as opened:
-        _announce(opened)
-        _wait(opened)
+        beside = opened.page is not None and (file.parent / REPORT).is_file()
+        with report_server(file.parent, opened.page or "") if beside else nullcontext() as report:
+            _announce(opened, report)
+            _wait(opened)
 
 
 def show_log(path: Path, wishes: Wishes, web: bool, port: int) -> list[str]:
@@ -173,9 +180,10 @@ def _source(path: Path, log: Log, wishes: Wishes) -> _Source:
         return _Source(log, config, None, [str(error)])
 
 
-def _announce(opened: Viewer) -> None:
+def _announce(opened: Viewer, report: str | None = None) -> None:
     if opened.page:
-        print(f"open {opened.page}\nand end with Ctrl-C", flush=True)
+        beside = f"or the report, which leads there: {report}\n" if report else ""
+        print(f"open {opened.page}\n{beside}and end with Ctrl-C", flush=True)
 
 
 def _wait(opened: Viewer) -> None:
