@@ -14,6 +14,7 @@ from garbi_map.log.records import Floats, Mount
 GRAVITY, DENSITY = 9.80665, 1025.0
 KEPT = 1024  # samples that are remembered: ten seconds at 100 Hz
 PING, PING_BIAS, DEPTH, DEPTH_SPEED = 0.35, 0.08, 0.25, 0.15  # gains per reading
+SETTLE = 0.06  # s, over which the acceleration is averaged
 FORGET = 3.0  # s, in which a velocity that nothing confirms fades
 JUMP = 0.5  # m/s: a ping farther off is a glitch, unless three in a row say so
 
@@ -30,6 +31,7 @@ class LiveNavigation:
         self.position, self.velocity = np.zeros(3), np.zeros(3)  # odom
         self.rotation, self.rate = np.eye(3), np.zeros(3)
         self._bias = np.zeros(3)
+        self._pull = np.zeros(3)  # m/s^2, odom, smoothed
         self._depth0: float | None = None
         self._stamps = np.zeros(KEPT, np.int64)
         self._rows = np.zeros((KEPT, 15))
@@ -60,8 +62,11 @@ class LiveNavigation:
             self.velocity = self.velocity * np.exp(-dt / FORGET)
         if np.isfinite(force).all() and dt <= 0.1:
             felt = self.rotation @ (self._imu_turn @ force)
-            pull = felt - np.array([0.0, 0.0, GRAVITY]) - self._bias
-            self.velocity = self.velocity + np.clip(pull, -2.0, 2.0) * dt
+            pull = np.clip(felt - np.array([0.0, 0.0, GRAVITY]) - self._bias, -2.0, 2.0)
+            self.velocity = self.velocity + pull * dt
+            self._pull = self._pull + min(dt / SETTLE, 1.0) * (pull - self._pull)
+        else:
+            self._pull = np.zeros(3)
         self.position = self.position + self.velocity * dt
         self._remember(stamp_ns)
 
@@ -134,7 +139,12 @@ class LiveNavigation:
         ahead = min(max((stamp_ns - self.last_ns) * 1e-9, 0.0), 0.5)
         turned = self.rotation @ _small_turn(self.rate * ahead)
         return Pose(
-            stamp_ns, self.position + self.velocity * ahead, turned, self.rotation.T @ self.velocity, self.rate.copy()
+            stamp_ns,
+            self.position + self.velocity * ahead,
+            turned,
+            self.rotation.T @ self.velocity,
+            self.rate.copy(),
+            self.rotation.T @ self._pull,
         )
 
     def at(self, stamp_ns: int) -> Pose:

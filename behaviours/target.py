@@ -1,4 +1,4 @@
-"""The object that is held to: from the points of the last sweep to range, yaw and pitch, relative to the vehicle now."""
+"""The object that is held to: chosen, fitted once, then followed from profile to profile by registration."""
 
 from __future__ import annotations
 
@@ -7,85 +7,153 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from behaviours.fit import fit_cylinder, fit_plane
+from behaviours.fit import Cylinder, Plane, fit_cylinder, fit_plane
+from behaviours.patch import Patch
+from behaviours.registration import Registration
 from behaviours.settings import HoldSettings
 from behaviours.types import Pose, Profile
 from garbi_map.log.records import Floats
 
 PER_PROFILE = 40
-GATE = (0.8, 0.6)  # m aside and up or down from the view's axis
+GATE = (0.8, 0.6)  # m aside and up or down from where the object is looked for
+THICK = 0.6  # m behind the nearest that still belongs to the object
+NEAREST = 5  # percentile of the ranges: below it is snow
+PASS = {"plane": 1.5, "cylinder": 1.5, "patch": 3.0}  # s of profiles that show enough of it
+RETRY_NS = 500_000_000
 
 
 @dataclass(frozen=True)
 class Relative:
-    """range m from the rig along the view; yaw, pitch rad by which the bow has to turn to face the object; axes that the
-    object fixes besides surge."""
+    """range m from the rig along the view; yaw, pitch rad by which the bow has to turn to face the object; axes: what it
+    fixes; moved (3,) m and told (3,) bool: how the vehicle has moved relative to it since it was taken, ahead, to port and
+    up, where it tells; velocity (3,) m/s relative to it, axes of base_link; age s of the newest profile that shows it."""
 
     range: float
     yaw: float
     pitch: float
     axes: tuple[str, ...]
+    moved: Floats
+    told: tuple[bool, ...]
+    velocity: Floats
+    age: float
 
 
-class TargetFit:
-    """Profiles in; `now` fits what they showed within the window and puts it relative to the present pose."""
+class Target:
+    """Profiles in; `now` puts the object relative to the present pose. `jump`: m by which what is seen now is nearer than
+    the object, None: it is not; `since_ns`: when that began. `takes`: how often an object was taken."""
 
     def __init__(self, settings: HoldSettings, eye: Floats) -> None:
         self.settings, self.eye = settings, eye
-        self._seen: deque[tuple[int, Floats]] = deque()
+        self._seen: deque[tuple[int, Floats]] = deque()  # points in odom
+        self.takes = 0
+        self.forget()
 
     def forget(self) -> None:
         """What was seen does not count any more."""
         self._seen.clear()
+        self.drop()
+
+    def drop(self) -> None:
+        """The object is none any more: take another one from what is seen."""
+        self._surface: Plane | Cylinder | Patch | None = None
+        self._registration: Registration | None = None
+        self._tried_ns = self._followed_ns = 0
+        self._first = np.zeros(3)
+        self.jump: float | None = None
+        self.since_ns = 0
 
     def see(self, profile: Profile) -> None:
         """Take in a profile, thinned."""
         points = profile.points[np.isfinite(profile.points).all(1)]
-        step = max(len(points) // PER_PROFILE, 1)
+        points = points[:: max(len(points) // PER_PROFILE, 1)]
         if len(points):
-            self._seen.append((profile.stamp_ns, points[::step]))
+            self._seen.append((profile.stamp_ns, points))
+            self._follow(profile.pose, points)
+        while self._seen and not 0 <= profile.stamp_ns - self._seen[0][0] <= self.settings.window * 1e9:
+            self._seen.popleft()
+
+    def _follow(self, pose: Pose, points: Floats) -> None:
+        if self._registration is None or self._surface is None:
+            return
+        self._registration.carry(pose)
+        points = pose.to_base(points)
+        points = points[self._about(points - self.eye)]
+        if len(points) < 5:
+            return
+        placed = self._registration.at(pose)
+        eye = placed.position + placed.rotation @ self.eye
+        expected = self._surface.from_here(eye, placed.rotation)[0]
+        off, _ = self._surface.off(np.vstack([eye, points @ placed.rotation.T + placed.position]))
+        reach = points[:, 0] - self.eye[0]
+        nearer = (off[1:] * np.sign(off[0]) > self.settings.jump) & (reach < expected)
+        if nearer.mean() > 0.5:
+            self.since_ns = self.since_ns if self.jump is not None else pose.stamp_ns
+            self.jump = expected - float(np.median(reach[nearer]))
+        elif self._registration.see(points, self._surface, 4.0 * self.settings.tolerance) > 0.5:
+            self._followed_ns, self.jump = pose.stamp_ns, None
+
+    def _about(self, points: Floats) -> np.ndarray:
+        return (points[:, 0] > 0.2) & (np.abs(points[:, 1]) < GATE[0]) & (np.abs(points[:, 2]) < GATE[1])
 
     def now(self, pose: Pose) -> Relative | None:
-        """None: there is nothing that the shape fits."""
-        settings = self.settings
-        while self._seen and pose.stamp_ns - self._seen[0][0] > settings.window * 1e9:
-            self._seen.popleft()
-        if not self._seen:
+        """None: there is no object, or nothing has shown it for longer than `lost`."""
+        if self._surface is None and abs(pose.stamp_ns - self._tried_ns) >= RETRY_NS:
+            self._tried_ns = pose.stamp_ns
+            self._take(pose)
+        if self._registration is None:
             return None
-        points = pose.to_base(np.concatenate([one for _, one in self._seen])) - self.eye
-        ahead = (points[:, 0] > 0.2) & (np.abs(points[:, 1]) < GATE[0]) & (np.abs(points[:, 2]) < GATE[1])
-        points = points[ahead]
-        if len(points) < settings.least_points:
-            return None
-        if settings.target == "cylinder":
-            return self._to_cylinder(points)
-        return self._to_plane(points)
+        found = self._now(pose)
+        return found if np.isfinite(found.range) else None
 
-    def _to_plane(self, points: Floats) -> Relative | None:
+    def _now(self, pose: Pose) -> Relative:
+        assert self._registration is not None and self._surface is not None
+        placed = self._registration.at(pose)
+        eye = placed.position + placed.rotation @ self.eye
+        reach, yaw, pitch = self._surface.from_here(eye, placed.rotation)
+        fixes = [name for name, told in (("pitch", placed.told[4]), ("yaw", placed.told[5])) if told]
+        if isinstance(self._surface, Cylinder):
+            fixes = ["yaw"]  # about itself it fixes nothing
+        elif isinstance(self._surface, Patch):
+            fixes = ["yaw"]  # that keeps it in view
+        return Relative(
+            reach, yaw, pitch, tuple(fixes), (placed.position - self._first) @ placed.rotation,
+            tuple(bool(one) for one in placed.told[:3]), placed.velocity, (pose.stamp_ns - self._followed_ns) * 1e-9,
+        )  # fmt: skip
+
+    def _take(self, pose: Pose) -> None:
+        """The object among the points of the window: the one that was chosen, or the nearest."""
+        settings = self.settings
+        if not self._seen or self._seen[-1][0] - self._seen[0][0] < PASS[settings.target] * 1e9:
+            return
+        odom = np.concatenate([one for _, one in self._seen])
+        points = pose.to_base(odom) - self.eye
+        if settings.at is not None:
+            chosen = np.linalg.norm(odom - np.array(settings.at), axis=1) < GATE[0]
+        else:
+            chosen = self._about(points)
+            if chosen.any():
+                chosen &= points[:, 0] < np.percentile(points[chosen, 0], NEAREST) + THICK
+        if chosen.sum() < settings.least_points:
+            return
+        surface = self._fit(odom[chosen], pose.position + pose.rotation @ self.eye)
+        if surface is None:
+            return
+        if isinstance(surface, Plane) and abs(float(surface.normal @ pose.rotation[:, 0])) < 0.3:
+            return  # seen so much aslant that it is no wall ahead but ground or a side
+        self._surface, self._registration = surface, Registration(pose)
+        self._first, self._followed_ns = pose.position.copy(), self._seen[-1][0]
+        self.takes += 1
+
+    def _fit(self, points: Floats, eye: Floats) -> Plane | Cylinder | Patch | None:
         settings = self.settings
         if settings.target == "patch":
-            near = np.hypot(points[:, 1], points[:, 2]) < 0.35
-            points = points[near]
-        tolerance = settings.tolerance * (2.0 if settings.target == "patch" else 1.0)
-        plane = fit_plane(points, tolerance)
-        if plane is None or plane.share < 0.5:
+            try:
+                return Patch(points, eye)
+            except ValueError:
+                return None
+        fit = fit_plane(points, settings.tolerance)
+        if settings.target == "cylinder":
+            return cylinder if (cylinder := fit_cylinder(points, eye, settings.tolerance)) and cylinder.share > 0.5 else None
+        if fit is None or fit.share < 0.5 or fit.spread[0] < settings.least_spread:
             return None
-        facing = plane.normal if plane.normal[0] > 0 else -plane.normal
-        if facing[0] < 0.3:  # seen so much aslant that it is no wall ahead but ground or a side
-            return None
-        fixes = plane.spread[0] > settings.least_spread and settings.target == "plane"
-        return Relative(
-            float(facing @ plane.point / facing[0]),
-            float(np.arctan2(facing[1], facing[0])) if fixes else 0.0,
-            float(-np.arctan2(facing[2], np.hypot(facing[0], facing[1]))) if fixes else 0.0,
-            ("yaw", "pitch") if fixes else (),
-        )
-
-    def _to_cylinder(self, points: Floats) -> Relative | None:
-        cylinder = fit_cylinder(points, np.zeros(3), self.settings.tolerance)
-        if cylinder is None or cylinder.share < 0.5:
-            return None
-        nearest = cylinder.point - (cylinder.point @ cylinder.axis) * cylinder.axis
-        distance = float(np.linalg.norm(nearest))
-        yaw = float(np.arctan2(nearest[1], nearest[0]))
-        return Relative(distance - cylinder.radius, yaw, 0.0, ("yaw",))
+        return fit
