@@ -7,10 +7,12 @@ from scipy.spatial import cKDTree
 
 from garbi_map.log.records import Floats
 
-CELL = 0.06  # m, between surfels
+CELL = 0.08  # m, between surfels
 NEIGHBOURS = 30  # points that make a surfel's normal
 ROUGH = 0.02  # m, 1 sigma off the surfel's plane, beyond which it is none
-REACH = 0.08  # m, of a surfel along the surface
+REACH = 0.12  # m, of a surfel along the surface
+VIEW = 0.2  # tangent of the half angle about the axis of the view whose middle range counts
+RAYS = np.array([[1.0, y, z] for y in np.linspace(-VIEW, VIEW, 9) for z in np.linspace(-VIEW, VIEW, 9)])
 
 
 class Patch:
@@ -42,9 +44,19 @@ class Patch:
         return np.where(aside < REACH, off, np.nan), self.normals[nearest]
 
     def from_here(self, eye: Floats, rotation: Floats) -> tuple[float, float, float]:
-        """Range along the view of what lies about its axis, m; yaw and pitch to the patch's middle, rad."""
+        """Range along the view, m: the median over rays within VIEW of its axis; yaw, rad, to the patch's middle.
+
+        Each ray meets the plane of the surfel that is nearest in bearing."""
         seen = (self.centres - eye) @ rotation
-        about = np.hypot(seen[:, 1], seen[:, 2]) < 0.35
-        reach = float(np.median(seen[about, 0])) if about.sum() >= 5 else float("nan")
+        ahead = seen[:, 0] > 0.2
+        seen, normals = seen[ahead], self.normals[ahead] @ rotation
+        if len(seen) < 10:
+            return float("nan"), 0.0, 0.0
+        apart, nearest = cKDTree(seen[:, 1:] / seen[:, :1]).query(RAYS[:, 1:])
+        across = (normals[nearest] * RAYS).sum(1)
+        reach = (normals[nearest] * seen[nearest]).sum(1) / np.where(np.abs(across) > 0.1, across, np.nan)
+        reach = np.where((apart < REACH) & (np.abs(reach - seen[nearest, 0]) < REACH), reach, np.nan)
         middle = np.median(seen, axis=0)
-        return reach, float(np.arctan2(middle[1], middle[0])), 0.0
+        met = np.isfinite(reach)
+        found = float(np.median(reach[met])) if met.sum() > len(RAYS) / 4 else float("nan")
+        return found, float(np.arctan2(middle[1], middle[0])), 0.0

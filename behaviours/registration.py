@@ -21,7 +21,8 @@ from garbi_map.log.records import Floats
 START = (0.05, 0.05, 0.03)  # m, rad, m/s: 1 sigma of position, attitude and velocity when a surface is new
 WALK = (0.003, 0.004)  # m, rad per root second: what position and attitude wander besides the velocity's error
 FADE, SLOW = 4.0, 0.015  # s, m/s: the velocity's error is a Gauss-Markov process
-NOISE = 0.01  # m, 1 sigma of a point, its profile's common error in it
+NOISE = 0.06  # m, 1 sigma of a point with the error that it has in common with its whole profile
+KNOWN = (0.03, 0.03)  # m, rad, 1 sigma: what is known worse is not told
 MEMORY = 4.0  # s, over which it is counted which directions the surface tells apart
 FLAT = 0.004  # share of the normals' spread below which a direction is not told apart: 4 degrees of slope
 
@@ -95,10 +96,14 @@ class Registration:
         return float(on.mean())
 
     def _told_apart(self) -> Floats:
-        """Projection (6, 6) onto the directions that the profiles of the last seconds tell apart."""
-        values, vectors = np.linalg.eigh(self._scatter)
-        good = vectors[:, values > FLAT * max(float(np.trace(self._scatter[:3, :3])), 1e-12)]
-        return good @ good.T
+        """Projection (6, 6) onto the shifts, and onto the turns, that the profiles of the last seconds tell apart."""
+        kept = np.zeros((6, 6))
+        least = FLAT * max(float(np.trace(self._scatter[:3, :3])), 1e-12)
+        for block in (slice(0, 3), slice(3, 6)):
+            values, vectors = np.linalg.eigh(self._scatter[block, block])
+            good = vectors[:, values > least]
+            kept[block, block] = good @ good.T
+        return kept
 
     def _carried(self, pose: Pose) -> tuple[Floats, Floats]:
         dt = (pose.stamp_ns - self._pose.stamp_ns) * 1e-9
@@ -109,10 +114,10 @@ class Registration:
     def at(self, pose: Pose) -> Placed:
         """Where the vehicle is at a pose of navigation not long after the newest profile."""
         position, rotation = self._carried(pose)
-        free = np.eye(6) - self._told_apart()
-        turn = np.zeros((6, 6))
-        turn[:3, :3] = turn[3:, 3:] = rotation.T
-        told = np.diag(turn @ free @ turn.T) < 0.25
+        turn = np.kron(np.eye(2), rotation.T)
+        share = np.diag(turn @ self._told_apart() @ turn.T)
+        sigma = np.sqrt(np.diag(turn @ self.covariance[:6, :6] @ turn.T))
+        told = (share > 0.75) & (sigma < np.repeat(KNOWN, 3))
         return Placed(position, rotation, pose.velocity + rotation.T @ self._slip, told)
 
 

@@ -18,6 +18,7 @@ from garbi_map.log.records import Floats
 
 PAUSE_NS = 2_000_000_000  # not asked for this long, the behaviour is armed anew
 DRIFT = 0.04  # m/s abeam, averaged over a wave, that is worth saying
+AGREE = 0.1  # m, by which depth and the height over the target may differ
 SECOND_HAND = 1.0  # s without the target in view that is worth saying
 
 
@@ -86,7 +87,8 @@ class Stabilisation:
     def _hold(self, found: Relative, pose: Pose, words: str) -> Proposal:
         settings = self.settings
         gain, yaw_gain, pitch_gain = settings.gains
-        surge = self._towards(found.range - self.wanted, float(found.velocity[0]), float(pose.acceleration[0]), gain)
+        closing, hastening = -float(found.slope @ found.velocity), -float(found.slope @ pose.acceleration)
+        surge = self._towards(found.range - self.wanted, closing, hastening, gain)
         yaw = float(np.clip(yaw_gain * found.yaw, -0.3, 0.3))
         pitch = float(np.clip(pitch_gain * found.pitch, -0.15, 0.15))
         if "yaw" not in found.axes:
@@ -106,7 +108,7 @@ class Stabilisation:
             for name, value, told in zip(("ahead", "aside", "above"), found.moved, found.told, strict=True)
             if told
         }
-        command = Command(surge, self._to_depth(pose), yaw, pitch)
+        command = Command(surge, self._to_depth(pose, facts.get("above")), yaw, pitch)
         return Proposal(self.name, 1.0, command, words, settings.priority, AXES, facts=facts)
 
     def _towards(self, off: float, speed: float, acceleration: float, gain: float) -> float:
@@ -132,10 +134,13 @@ class Stabilisation:
             facts={"target": 0.0},
         )
 
-    def _to_depth(self, pose: Pose) -> float:
-        """Heave to the depth that was armed; the median of the last second, so that a glitch moves nothing."""
+    def _to_depth(self, pose: Pose, above: float | None = None) -> float:
+        """Heave to the depth that was armed; the median of the last second, so that a glitch moves nothing. To the height
+        that the target tells (m above where it was taken) as long as depth does not contradict it."""
         self._heights.append(float(pose.position[2]))
         off = self.depth - float(np.median(self._heights))
+        if above is not None and abs(off + above) < AGREE:
+            off = -above
         return float(np.clip(0.5 * off, -0.1, 0.1)) if abs(off) < 1.0 else 0.0
 
     def _to_heading(self, pose: Pose) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections import deque
 from dataclasses import dataclass
 
@@ -19,16 +20,25 @@ GATE = (0.8, 0.6)  # m aside and up or down from where the object is looked for
 THICK = 0.6  # m behind the nearest that still belongs to the object
 NEAREST = 5  # percentile of the ranges: below it is snow
 PASS = {"plane": 1.5, "cylinder": 1.5, "patch": 3.0}  # s of profiles that show enough of it
+REFINE_NS = 9_000_000_000
+STEP = 0.03  # m, over which the range's slope is taken
 RETRY_NS = 500_000_000
 
 
 @dataclass(frozen=True)
 class Relative:
-    """range m from the rig along the view; yaw, pitch rad by which the bow has to turn to face the object; axes: what it
-    fixes; moved (3,) m and told (3,) bool: how the vehicle has moved relative to it since it was taken, ahead, to port and
-    up, where it tells; velocity (3,) m/s relative to it, axes of base_link; age s of the newest profile that shows it."""
+    """How the object lies, from the vehicle.
+
+    range     m from the rig along the view; slope (3,): by which it changes with the vehicle's place, axes of base_link
+    yaw, pitch  rad by which the bow has to turn to face the object; axes: those that the object fixes
+    moved     (3,) m by which the vehicle has moved since the object was taken, ahead, to port and up; told (3,) where the
+              object tells
+    velocity  (3,) m/s relative to it, axes of base_link
+    age       s of the newest profile that shows it
+    """
 
     range: float
+    slope: Floats
     yaw: float
     pitch: float
     axes: tuple[str, ...]
@@ -59,6 +69,8 @@ class Target:
         self._registration: Registration | None = None
         self._tried_ns = self._followed_ns = 0
         self._first = np.zeros(3)
+        self._gathered: list[Floats] = []
+        self._taken_ns, self._refined = 0, False
         self.jump: float | None = None
         self.since_ns = 0
 
@@ -91,6 +103,18 @@ class Target:
             self.jump = expected - float(np.median(reach[nearer]))
         elif self._registration.see(points, self._surface, 4.0 * self.settings.tolerance) > 0.5:
             self._followed_ns, self.jump = pose.stamp_ns, None
+            self._refine(pose, points)
+
+    def _refine(self, pose: Pose, points: Floats) -> None:
+        """A patch is made again, once, from the passes that were registered to its first view."""
+        if not isinstance(self._surface, Patch) or self._registration is None or self._refined:
+            return
+        placed = self._registration.at(pose)
+        self._gathered.append(points @ placed.rotation.T + placed.position)
+        if pose.stamp_ns - self._taken_ns > REFINE_NS:
+            with contextlib.suppress(ValueError):
+                self._surface = Patch(np.concatenate(self._gathered), placed.position + placed.rotation @ self.eye)
+            self._refined, self._gathered = True, []
 
     def _about(self, points: Floats) -> np.ndarray:
         return (points[:, 0] > 0.2) & (np.abs(points[:, 1]) < GATE[0]) & (np.abs(points[:, 2]) < GATE[1])
@@ -110,15 +134,23 @@ class Target:
         placed = self._registration.at(pose)
         eye = placed.position + placed.rotation @ self.eye
         reach, yaw, pitch = self._surface.from_here(eye, placed.rotation)
-        fixes = [name for name, told in (("pitch", placed.told[4]), ("yaw", placed.told[5])) if told]
-        if isinstance(self._surface, Cylinder):
-            fixes = ["yaw"]  # about itself it fixes nothing
-        elif isinstance(self._surface, Patch):
-            fixes = ["yaw"]  # that keeps it in view
+        fixes = ["yaw"]  # a pipe fixes no pitch about itself; turning to a patch's middle keeps it in view
+        if isinstance(self._surface, Plane):
+            fixes = [name for name, told in (("yaw", placed.told[5]), ("pitch", placed.told[4])) if told]
+        aside, up = STEP * placed.rotation.T[1:]
+        ranges = [self._surface.from_here(eye + shift, placed.rotation)[0] for shift in (-aside, aside, -up, up)]
+        slope = np.array([-1.0, (ranges[1] - ranges[0]) / (2 * STEP), (ranges[3] - ranges[2]) / (2 * STEP)])
         return Relative(
-            reach, yaw, pitch, tuple(fixes), (placed.position - self._first) @ placed.rotation,
-            tuple(bool(one) for one in placed.told[:3]), placed.velocity, (pose.stamp_ns - self._followed_ns) * 1e-9,
-        )  # fmt: skip
+            reach,
+            np.clip(np.nan_to_num(slope), -1.0, 1.0),
+            yaw,
+            pitch,
+            tuple(fixes),
+            (placed.position - self._first) @ placed.rotation,
+            tuple(bool(one) for one in placed.told[:3]),
+            placed.velocity,
+            (pose.stamp_ns - self._followed_ns) * 1e-9,
+        )
 
     def _take(self, pose: Pose) -> None:
         """The object among the points of the window: the one that was chosen, or the nearest."""
@@ -142,6 +174,7 @@ class Target:
             return  # seen so much aslant that it is no wall ahead but ground or a side
         self._surface, self._registration = surface, Registration(pose)
         self._first, self._followed_ns = pose.position.copy(), self._seen[-1][0]
+        self._taken_ns = pose.stamp_ns
         self.takes += 1
 
     def _fit(self, points: Floats, eye: Floats) -> Plane | Cylinder | Patch | None:
@@ -153,7 +186,11 @@ class Target:
                 return None
         fit = fit_plane(points, settings.tolerance)
         if settings.target == "cylinder":
-            return cylinder if (cylinder := fit_cylinder(points, eye, settings.tolerance)) and cylinder.share > 0.5 else None
+            return (
+                cylinder
+                if (cylinder := fit_cylinder(points, eye, settings.tolerance)) and cylinder.share > 0.5
+                else None
+            )
         if fit is None or fit.share < 0.5 or fit.spread[0] < settings.least_spread:
             return None
         return fit

@@ -22,23 +22,29 @@ from tools.trials.scenario import open_water
 from tools.trials.world import Block, Rod, World
 
 Thing = Literal["wall", "pipe", "rock"]
+Way = Literal["along", "across"]
 EYE = np.array([0.45, 0.0, 0.0])
+CURRENT = 0.1  # m/s
 PERIOD, SETTLE, STEP_AT, END = 0.1, 20.0, 50.0, 75.0
 
 
 @dataclass(frozen=True)
 class Held:
     """Errors after settling, rms: range mm, yaw and pitch deg where the object fixes them (NaN elsewhere); of the step:
-    seconds until the mean over a wave stays within 5 cm, overshoot mm; share of the time with a target."""
+    seconds until the mean over a wave stays within 5 cm, overshoot mm; share of the time with a target; takes: how often
+    an object was taken; drift: share of the time in which it was said that the vehicle drifts abeam."""
 
     thing: str
     seed: int
+    current: str
     range_mm: float
     yaw_deg: float
     pitch_deg: float
     settle_s: float
     overshoot_mm: float
     target: float
+    takes: int
+    drift: float
 
     def as_dict(self) -> dict[str, object]:
         """Plain."""
@@ -61,18 +67,18 @@ class _Rock(World):
 def world_of(thing: Thing) -> World:
     """The object about 1.75 m before the rig."""
     if thing == "wall":
-        return World([Block((2.3, 0.0, 1.2), (0.1, 3.0, 1.6), 0.15)])
+        return World([Block((2.3, 0.0, 1.2), (0.1, 5.0, 1.6), 0.15)])
     if thing == "pipe":
-        return World([Rod((2.35, -3.0, 1.05), (2.35, 3.0, 1.15), 0.15, "pipe")])
+        return World([Rod((2.35, -5.0, 1.05), (2.35, 5.0, 1.15), 0.15, "pipe")])
     return _Rock()
 
 
-def run(thing: Thing, seed: int, current: float = 0.1) -> Held:
-    """Hold at 1.5 m; after 50 s at 2 m. Current along the view, waves of 5 cm and 4 s."""
+def run(thing: Thing, seed: int, way: Way = "along") -> Held:
+    """Hold at 1.5 m; after 50 s at 2 m. Current of 0.1 m/s along or across the view, waves of 5 cm and 4 s."""
     world = world_of(thing)
     scenario = open_water(
         seed,
-        water={"current": (-current, 0.0)},
+        water={"current": (-CURRENT, 0.0) if way == "along" else (0.0, -CURRENT)},
         sway={"translation": 0.05 / np.sqrt(2), "rotation": 0.005, "period": 4.0},
     )
     dive = world.make(scenario)
@@ -81,7 +87,7 @@ def run(thing: Thing, seed: int, current: float = 0.1) -> Held:
     feed = DiveFeed(dive, settings.feed)
     pilot = Pilot(settings, feed.rig, feed.mount)
     holding = next(one for one in pilot.behaviours if isinstance(one, Stabilisation))
-    rows = []
+    rows, drifts = [], []
     now = 0.0
     while now < END:
         now += PERIOD
@@ -89,9 +95,10 @@ def run(thing: Thing, seed: int, current: float = 0.1) -> Held:
         decision = pilot.decide(feed.until(START_NS + round(now * 1e9)))
         feed.step(decision.command, PERIOD)
         hold = decision.proposal("hold")
+        drifts.append(hold is not None and "drifting" in hold.reason)
         true = _truth(thing, world, dive)
         rows.append([now, *true, hold.facts.get("target", 0.0) if hold else 0.0])
-    return _judge(thing, seed, np.array(rows))
+    return _judge(thing, seed, way, np.array(rows), holding.target.takes, float(np.mean(drifts)))
 
 
 def _truth(thing: Thing, world: World, dive: Dive) -> tuple[float, float, float]:
@@ -125,7 +132,7 @@ def _truth(thing: Thing, world: World, dive: Dive) -> tuple[float, float, float]
     return float(np.linalg.norm(away)) - rod.radius, float(np.arctan2(towards[1], towards[0])), np.nan
 
 
-def _judge(thing: Thing, seed: int, rows: Floats) -> Held:
+def _judge(thing: Thing, seed: int, way: Way, rows: Floats, takes: int, drift: float) -> Held:
     time, distance, yaw, pitch, target = rows.T
     steady = (time > SETTLE) & (time < STEP_AT)
     after = time >= STEP_AT
@@ -136,10 +143,13 @@ def _judge(thing: Thing, seed: int, rows: Floats) -> Held:
     return Held(
         thing,
         seed,
+        way,
         1e3 * float(np.sqrt(np.mean((distance[steady] - 1.5) ** 2))),
         float(np.degrees(np.sqrt(np.mean(yaw[steady] ** 2)))),
         float(np.degrees(np.sqrt(np.mean(pitch[steady] ** 2)))),
         settle,
         1e3 * float(max(smooth[: -waves // 2].max() - 2.0, 0.0)),
         float(target[time > SETTLE].mean()),
+        takes,
+        drift,
     )
