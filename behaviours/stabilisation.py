@@ -55,12 +55,12 @@ class Stabilisation:
         for profile in situation.profiles:
             self.target.see(profile)
         found = self.target.now(pose)
-        believed, words = self._believe(found, now)
+        believed, words = self._believe(found, pose, now)
         if not believed or found is None:
             return self._station(pose, words)
         return self._hold(found, pose, words)
 
-    def _believe(self, found: Relative | None, now: int) -> tuple[bool, str]:
+    def _believe(self, found: Relative | None, pose: Pose, now: int) -> tuple[bool, str]:
         """Whether the target may move the vehicle, and why or why not."""
         settings, target = self.settings, self.target
         if found is not None and found.age > settings.lost:
@@ -68,9 +68,16 @@ class Stabilisation:
             self._lost_ns, found = now - round(found.age * 1e9), None
         if found is None:
             self._found_ns = None
+            if self._lost_ns is None and target.place is not None:
+                self._lost_ns = now
             if self._lost_ns is None:
                 return False, "no target yet"
-            return False, f"target lost {(now - self._lost_ns) * 1e-9:.1f} s ago"
+            words = f"target lost {(now - self._lost_ns) * 1e-9:.1f} s ago"
+            if target.place is None:
+                return False, words
+            away = target.place - pose.position
+            self.heading = float(np.arctan2(away[1], away[0]))  # it may only have gone out of view
+            return False, f"{words}, turning to where it was seen last"
         if target.jump is not None:
             if now - target.since_ns > settings.confirm * 1e9:
                 target.drop()
@@ -78,7 +85,7 @@ class Stabilisation:
             return False, f"glitch: something is {target.jump:.2f} m nearer than the target"
         if not settings.nearest <= found.range <= settings.farthest:
             return False, f"target out of range at {found.range:.2f} m"
-        self._found_ns = self._found_ns or now
+        self._found_ns, self._lost_ns = self._found_ns or now, None
         if now - self._found_ns < settings.confirm * 1e9:
             return False, f"target {'found again' if target.takes > 1 else 'found'}: waiting until it lasts"
         words = f"range {found.range:.2f} m, wanted {self.wanted:.2f} m"

@@ -21,6 +21,7 @@ THICK = 0.6  # m behind the nearest that still belongs to the object
 NEAREST = 5  # percentile of the ranges: below it is snow
 PASS = {"plane": 1.5, "cylinder": 1.5, "patch": 3.0}  # s of profiles that show enough of it
 REFINE_NS = 9_000_000_000
+SHOWS = 0.3  # share of a profile's points on the object that show it
 STEP = 0.03  # m, over which the range's slope is taken
 RETRY_NS = 500_000_000
 
@@ -50,17 +51,20 @@ class Relative:
 
 class Target:
     """Profiles in; `now` puts the object relative to the present pose. `jump`: m by which what is seen now is nearer than
-    the object, None: it is not; `since_ns`: when that began. `takes`: how often an object was taken."""
+    the object, None: it is not; `since_ns`: when that began. `takes`: how often an object was taken; `place` (3,) m, odom:
+    where it was seen last."""
 
     def __init__(self, settings: HoldSettings, eye: Floats) -> None:
         self.settings, self.eye = settings, eye
         self._seen: deque[tuple[int, Floats]] = deque()  # points in odom
         self.takes = 0
+        self.place: Floats | None = None
         self.forget()
 
     def forget(self) -> None:
         """What was seen does not count any more."""
         self._seen.clear()
+        self.place = None
         self.drop()
 
     def drop(self) -> None:
@@ -101,8 +105,9 @@ class Target:
         if nearer.mean() > 0.5:
             self.since_ns = self.since_ns if self.jump is not None else pose.stamp_ns
             self.jump = expected - float(np.median(reach[nearer]))
-        elif self._registration.see(points, self._surface, 4.0 * self.settings.tolerance) > 0.5:
+        elif self._registration.see(points, self._surface, 4.0 * self.settings.tolerance) > SHOWS:
             self._followed_ns, self.jump = pose.stamp_ns, None
+            self.place = np.median(pose.position + points @ pose.rotation.T, axis=0)
             self._refine(pose, points)
 
     def _refine(self, pose: Pose, points: Floats) -> None:

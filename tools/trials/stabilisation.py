@@ -30,7 +30,7 @@ PERIOD, SETTLE, STEP_AT, END = 0.1, 20.0, 50.0, 75.0
 
 @dataclass(frozen=True)
 class Held:
-    """Errors after settling, rms: range mm, yaw and pitch deg where the object fixes them (NaN elsewhere); of the step:
+    """Errors after settling, rms, across the current while a target is held: range mm, yaw and pitch deg where the object fixes them (NaN elsewhere); of the step:
     seconds until the mean over a wave stays within 5 cm, overshoot mm; share of the time with a target; takes: how often
     an object was taken; drift: share of the time in which it was said that the vehicle drifts abeam."""
 
@@ -89,7 +89,7 @@ def run(thing: Thing, seed: int, way: Way = "along") -> Held:
     holding = next(one for one in pilot.behaviours if isinstance(one, Stabilisation))
     rows, drifts = [], []
     now = 0.0
-    while now < END:
+    while now < (END if way == "along" else STEP_AT):  # across it the vehicle would be past the wall's end
         now += PERIOD
         holding.wanted = 1.5 if now < STEP_AT else 2.0
         decision = pilot.decide(feed.until(START_NS + round(now * 1e9)))
@@ -134,12 +134,15 @@ def _truth(thing: Thing, world: World, dive: Dive) -> tuple[float, float, float]
 
 def _judge(thing: Thing, seed: int, way: Way, rows: Floats, takes: int, drift: float) -> Held:
     time, distance, yaw, pitch, target = rows.T
-    steady = (time > SETTLE) & (time < STEP_AT)
+    steady = (time > SETTLE) & (time < STEP_AT) & ((target > 0.5) | (way == "along"))
     after = time >= STEP_AT
     waves = round(4.0 / PERIOD)  # the step is judged on the mean over a wave, which the range rms has in it
-    smooth = np.convolve(distance, np.ones(waves) / waves, "same")[after]
-    off = np.abs(smooth[: -waves // 2] - 2.0) > 0.05
-    settle = float(time[after][: -waves // 2][off][-1] - STEP_AT) if off.any() else 0.0
+    settle = overshoot = float("nan")
+    if after.sum() > waves:
+        smooth = np.convolve(distance, np.ones(waves) / waves, "same")[after][: -waves // 2]
+        off = np.abs(smooth - 2.0) > 0.05
+        settle = float(time[after][: -waves // 2][off][-1] - STEP_AT) if off.any() else 0.0
+        overshoot = 1e3 * float(max(smooth.max() - 2.0, 0.0))
     return Held(
         thing,
         seed,
@@ -148,7 +151,7 @@ def _judge(thing: Thing, seed: int, way: Way, rows: Floats, takes: int, drift: f
         float(np.degrees(np.sqrt(np.mean(yaw[steady] ** 2)))),
         float(np.degrees(np.sqrt(np.mean(pitch[steady] ** 2)))),
         settle,
-        1e3 * float(max(smooth[: -waves // 2].max() - 2.0, 0.0)),
+        overshoot,
         float(target[time > SETTLE].mean()),
         takes,
         drift,
