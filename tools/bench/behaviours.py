@@ -69,7 +69,8 @@ def memory(path: Path, minutes: int = 60, every: int = 10) -> list[float]:
     intake = Intake(rig, readings.mounts, given.feed)
     pilot = Pilot(given, rig, intake.mount)
     period, length = round(given.feed.period * 1e9), log.end_ns - log.begin_ns
-    found, shift, now = [], 0, log.begin_ns
+    found: list[float] = []
+    shift, now = 0, log.begin_ns
     while len(found) < minutes // every:
         intake.read(_later(readings, shift))
         for image, stripe in zip(images, stripes, strict=True):

@@ -88,13 +88,13 @@ def run(seed: int) -> Found:
                     passes[one].add(profile.sweep)
                     first.setdefault(one, time)
         for track in pilot.movers.now():
-            one = _which(world, track.at(seen.now_ns) + start, now)
+            ball = _which(world, track.at(seen.now_ns) + start, now)
             most, was = tracks.get(track.number, (0, None))
-            tracks[track.number] = (max(most, track.passes), was if was is not None else one)
-            if one is not None:
-                got.setdefault((one, False), now)
+            tracks[track.number] = (max(most, track.passes), was if was is not None else ball)
+            if ball is not None:
+                got.setdefault((ball, False), now)
                 if track.passes > 1:
-                    got.setdefault((one, True), now)
+                    got.setdefault((ball, True), now)
         dive_heave = float(np.clip(0.5 * (start[2] - dive.vehicle.position[2]), -0.1, 0.1))
         yaw = float(np.clip(-0.6 * dive.vehicle.attitude.as_euler("ZYX")[0], -0.2, 0.2))
         dive.step(Command(0.5 * float(start[0] - dive.vehicle.position[0]), dive_heave, yaw, 0.0), PERIOD)
