@@ -36,7 +36,7 @@ class Surveyed:
     """What became of a survey, by the true motion.
 
     coverage  share of the area's cells that were truly lit; claimed: what the behaviour believes
-    overlap   of neighbouring lanes, median share of the narrower one's cells
+    overlap   of neighbouring lanes, the smallest share of the narrower one's cells
     path      m, the waves' to and fro left out, from the first lane's begin
     best      m: straight lanes as wide as the view over this terrain at the altitude asked for, with the overlap asked
               for, and the steps between them
@@ -157,4 +157,4 @@ def _overlap(lit: dict[int, np.ndarray]) -> float:
     """Of each lane with the one before."""
     lanes = [lit[number] for number in sorted(lit) if number > 0]
     shares = [float((one & other).sum() / max(min(one.sum(), other.sum()), 1)) for one, other in pairwise(lanes)]
-    return float(np.median(shares)) if shares else float("nan")
+    return min(shares) if shares else float("nan")
