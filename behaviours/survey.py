@@ -16,6 +16,7 @@ from garbi_map.log.records import Floats
 
 TURN = 0.25  # rad, off the lane's heading, beyond which it turns on the spot
 REACHED = 0.2  # m
+LOOK_NS = 5_000_000_000  # at most, before the first lane is laid as if the view were narrow
 
 
 class Survey:
@@ -36,6 +37,7 @@ class Survey:
         self._lane: tuple[Floats, Floats] | None = None
         self._way, self._y = 1.0, grown[1]
         self.begun = False
+        self._since_ns: int | None = None
         self._holes_left = 20
 
     def propose(self, situation: Situation) -> Proposal:
@@ -47,6 +49,10 @@ class Survey:
         facts = {"coverage": share, "lanes": float(self.lanes)}
         if share >= settings.coverage:
             return self._proposal(Command(), f"done: {100 * share:.1f} % of the area seen", facts)
+        if self._since_ns is None:
+            self._since_ns = situation.now_ns
+        if self.lanes == 0 and self.coverage.width is None and situation.now_ns - self._since_ns < LOOK_NS:
+            return self._proposal(Command(), "looking how wide the view is", facts)
         if self._lane is None:
             self._lane = self._next_lane(pose)
         if self._lane is None:

@@ -74,7 +74,8 @@ class Wander:
 
     def _stands_in_the_way(self, situation: Situation, heading: float) -> bool:
         along, aside = _axes(heading)
-        x, y, z = np.meshgrid(np.arange(0.4, LEG + 0.7, 0.2), (-0.5, -0.25, 0.0, 0.25, 0.5), (-0.25, 0.0, 0.25))
+        step = 0.9 * situation.space.voxel
+        x, y, z = np.meshgrid(np.arange(0.4, LEG + 0.7, step), np.arange(-0.5, 0.51, step), np.arange(-0.3, 0.31, step))
         points = x.reshape(-1, 1) * along + y.reshape(-1, 1) * aside + z.reshape(-1, 1) * np.array([0.0, 0.0, 1.0])
         return bool((situation.space.state(points + situation.pose.position) == kernels.OCCUPIED).any())
 
