@@ -148,8 +148,8 @@ class SurveySettings(Settings):
     )
     altitude: Positive = Field(1.2, description="over the relief, m")
     overlap: Share = Field(0.2, description="of neighbouring lanes")
-    coverage: Share = Field(0.98, description="of the cells of area and margin that have to be seen")
-    margin: NotNegative = Field(0.1, description="about the area that is covered too, for navigation errs, m")
+    coverage: Share = Field(0.985, description="of the cells of area and margin that have to be seen")
+    margin: NotNegative = Field(0.05, description="about the area that is covered too, for navigation errs, m")
     cell: Positive = Field(0.1, description="of the coverage grid, m")
     speed: Positive = Field(0.12, description="m/s")
 

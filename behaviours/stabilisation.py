@@ -94,7 +94,8 @@ class Stabilisation:
     def _hold(self, found: Relative, pose: Pose, words: str) -> Proposal:
         settings = self.settings
         gain, yaw_gain, pitch_gain = settings.gains
-        closing, hastening = -float(found.slope @ found.velocity), -float(found.slope @ pose.acceleration)
+        closing = -float(found.slope @ found.velocity + found.swing @ pose.rate)
+        hastening = -float(found.slope @ pose.acceleration)
         surge = self._towards(found.range - self.wanted, closing, hastening, gain)
         yaw = float(np.clip(yaw_gain * found.yaw, -0.3, 0.3))
         pitch = float(np.clip(pitch_gain * found.pitch, -0.15, 0.15))

@@ -7,10 +7,11 @@ from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from behaviours.fit import Cylinder, Plane, fit_cylinder, fit_plane
 from behaviours.patch import Patch
-from behaviours.registration import Registration
+from behaviours.registration import Placed, Registration
 from behaviours.settings import HoldSettings
 from behaviours.types import Pose, Profile
 from garbi_map.log.records import Floats
@@ -22,7 +23,8 @@ NEAREST = 5  # percentile of the ranges: below it is snow
 PASS = {"plane": 1.5, "cylinder": 1.5, "patch": 3.0}  # s of profiles that show enough of it
 REFINE_NS = 9_000_000_000
 SHOWS = 0.3  # share of a profile's points on the object that show it
-STEP = 0.03  # m, over which the range's slope is taken
+STEP = 0.03  # m or rad, over which the range's change is taken
+AXES = np.eye(3)
 RETRY_NS = 500_000_000
 
 
@@ -30,7 +32,8 @@ RETRY_NS = 500_000_000
 class Relative:
     """How the object lies, from the vehicle.
 
-    range     m from the rig along the view; slope (3,): by which it changes with the vehicle's place, axes of base_link
+    range     m from the rig along the view; slope (3,) and swing (3,) m/rad: by which it changes as the
+              vehicle moves and turns, axes of base_link
     yaw, pitch  rad by which the bow has to turn to face the object; axes: those that the object fixes
     moved     (3,) m by which the vehicle has moved since the object was taken, ahead, to port and up; told (3,) where the
               object tells
@@ -40,6 +43,7 @@ class Relative:
 
     range: float
     slope: Floats
+    swing: Floats
     yaw: float
     pitch: float
     axes: tuple[str, ...]
@@ -142,12 +146,18 @@ class Target:
         fixes = ["yaw"]  # a pipe fixes no pitch about itself; turning to a patch's middle keeps it in view
         if isinstance(self._surface, Plane):
             fixes = [name for name, told in (("yaw", placed.told[5]), ("pitch", placed.told[4])) if told]
+        slope = [-1.0, *(self._change(placed, shift, np.zeros(3)) for shift in STEP * AXES[1:])]
+        swing = [self._change(placed, np.zeros(3), turn) for turn in STEP * AXES[1:]]
+        fixes = ["yaw"]  # a pipe fixes no pitch about itself; turning to a patch's middle keeps it in view
+        if isinstance(self._surface, Plane):
+            fixes = [name for name, told in (("yaw", placed.told[5]), ("pitch", placed.told[4])) if told]
         aside, up = STEP * placed.rotation.T[1:]
         ranges = [self._surface.from_here(eye + shift, placed.rotation)[0] for shift in (-aside, aside, -up, up)]
         slope = np.array([-1.0, (ranges[1] - ranges[0]) / (2 * STEP), (ranges[3] - ranges[2]) / (2 * STEP)])
         return Relative(
             reach,
-            np.clip(np.nan_to_num(slope), -1.0, 1.0),
+            np.array(slope),
+            np.array([0.0, *swing]),
             yaw,
             pitch,
             tuple(fixes),
@@ -156,6 +166,17 @@ class Target:
             placed.velocity,
             (pose.stamp_ns - self._followed_ns) * 1e-9,
         )
+
+    def _change(self, placed: Placed, shift: Floats, turn: Floats) -> float:
+        """Of the range with a shift (3,) m or a turn (3,) rad, axes of base_link; never more than the step itself."""
+        assert self._surface is not None
+        ranges = []
+        for way in (-1.0, 1.0):
+            rotation = placed.rotation @ Rotation.from_rotvec(way * turn).as_matrix()
+            eye = placed.position + placed.rotation @ (way * shift) + rotation @ self.eye
+            ranges.append(self._surface.from_here(eye, rotation)[0])
+        change = (ranges[1] - ranges[0]) / (2 * STEP)
+        return float(np.clip(change, -1.5, 1.5)) if np.isfinite(change) else 0.0
 
     def _take(self, pose: Pose) -> None:
         """The object among the points of the window: the one that was chosen, or the nearest."""
