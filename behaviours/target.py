@@ -18,7 +18,11 @@ from garbi_map.log.records import Floats
 
 PER_PROFILE = 40
 GATE = (0.8, 0.6)  # m aside and up or down from where the object is looked for
-THICK = 0.6  # m behind the nearest that still belongs to the object
+THICK = {
+    "plane": (0.25, 0.6),
+    "cylinder": (0.6,),
+    "patch": (0.6,),
+}  # m behind the nearest that may belong to the object
 NEAREST = 5  # percentile of the ranges: below it is snow
 PASS = {"plane": 1.5, "cylinder": 1.5, "patch": 3.0}  # s of profiles that show enough of it
 REFINE_NS = 9_000_000_000
@@ -148,12 +152,6 @@ class Target:
             fixes = [name for name, told in (("yaw", placed.told[5]), ("pitch", placed.told[4])) if told]
         slope = [-1.0, *(self._change(placed, shift, np.zeros(3)) for shift in STEP * AXES[1:])]
         swing = [self._change(placed, np.zeros(3), turn) for turn in STEP * AXES[1:]]
-        fixes = ["yaw"]  # a pipe fixes no pitch about itself; turning to a patch's middle keeps it in view
-        if isinstance(self._surface, Plane):
-            fixes = [name for name, told in (("yaw", placed.told[5]), ("pitch", placed.told[4])) if told]
-        aside, up = STEP * placed.rotation.T[1:]
-        ranges = [self._surface.from_here(eye + shift, placed.rotation)[0] for shift in (-aside, aside, -up, up)]
-        slope = np.array([-1.0, (ranges[1] - ranges[0]) / (2 * STEP), (ranges[3] - ranges[2]) / (2 * STEP)])
         return Relative(
             reach,
             np.array(slope),
@@ -184,16 +182,10 @@ class Target:
         if not self._seen or self._seen[-1][0] - self._seen[0][0] < PASS[settings.target] * 1e9:
             return
         odom = np.concatenate([one for _, one in self._seen])
-        points = pose.to_base(odom) - self.eye
-        if settings.at is not None:
-            chosen = np.linalg.norm(odom - np.array(settings.at), axis=1) < GATE[0]
-        else:
-            chosen = self._about(points)
-            if chosen.any():
-                chosen &= points[:, 0] < np.percentile(points[chosen, 0], NEAREST) + THICK
-        if chosen.sum() < settings.least_points:
-            return
-        surface = self._fit(odom[chosen], pose.position + pose.rotation @ self.eye)
+        surface = None
+        for points in self._choices(odom, pose):
+            if surface is None and len(points) >= settings.least_points:
+                surface = self._fit(points, pose.position + pose.rotation @ self.eye)
         if surface is None:
             return
         if isinstance(surface, Plane) and abs(float(surface.normal @ pose.rotation[:, 0])) < 0.3:
@@ -202,6 +194,17 @@ class Target:
         self._first, self._followed_ns = pose.position.copy(), self._seen[-1][0]
         self._taken_ns = pose.stamp_ns
         self.takes += 1
+
+    def _choices(self, odom: Floats, pose: Pose) -> list[Floats]:
+        """Of points (n, 3), odom, those that may be the object: about the place that was chosen, or the nearest ahead."""
+        if self.settings.at is not None:
+            return [odom[np.linalg.norm(odom - np.array(self.settings.at), axis=1) < GATE[0]]]
+        points = pose.to_base(odom) - self.eye
+        about = self._about(points)
+        if not about.any():
+            return []
+        nearest = np.percentile(points[about, 0], NEAREST)
+        return [odom[about & (points[:, 0] < nearest + thick)] for thick in THICK[self.settings.target]]
 
     def _fit(self, points: Floats, eye: Floats) -> Plane | Cylinder | Patch | None:
         settings = self.settings

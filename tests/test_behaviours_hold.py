@@ -183,3 +183,14 @@ def test_half_a_second_without_decisions_is_no_rearm() -> None:
     kept = behaviour.depth
     behaviour.propose(situation(pose(3.5, (0.0, 0.0, 0.3)), []))
     assert behaviour.depth == kept and SECOND == 10**9
+
+
+def test_the_object_that_is_chosen_is_held_and_else_the_nearest() -> None:
+    """A post stands half a metre before a wall: without a word the post's face is held, with it the wall."""
+    for chosen, expected in ((None, 1.2), ((1.95, 0.0, 0.0), 1.5)):
+        behaviour = Stabilisation(HoldSettings(at=chosen, jump=0.5, least_spread=0.05), MOUNT.translation)
+        for n in range(50):
+            at, y = pose(0.1 * n), 0.5 * np.sin(0.7 * n)
+            shown = line(1.2 if abs(y) < 0.25 else 1.5, n)
+            got = behaviour.propose(situation(at, [profile(shown, at)]))
+        assert got.facts["range"] == pytest.approx(expected, abs=0.03)

@@ -78,8 +78,8 @@ def world_of(thing: Thing) -> World:
     return _Rock()
 
 
-def run(thing: Thing, seed: int, way: Way = "along") -> Held:
-    """Hold at 1.5 m; after 50 s at 2 m. Current of 0.1 m/s along or across the view, waves of 5 cm and 4 s."""
+def run(thing: Thing, seed: int, way: Way = "along", end: float = END) -> Held:
+    """Hold at 1.5 m for `end` s; after 50 s at 2 m. Current of 0.1 m/s along or across the view, waves of 5 cm and 4 s."""
     world = world_of(thing)
     scenario = open_water(
         seed,
@@ -96,7 +96,7 @@ def run(thing: Thing, seed: int, way: Way = "along") -> Held:
     holding = next(one for one in pilot.behaviours if isinstance(one, Stabilisation))
     rows, drifts = [], []
     now = 0.0
-    while now < (END if way == "along" else STEP_AT):  # across it the vehicle would be past the wall's end
+    while now < (end if way == "along" else STEP_AT):  # across it the vehicle would be past the wall's end
         now += PERIOD
         holding.wanted = 1.5 if now < STEP_AT else 2.0
         decision = pilot.decide(feed.until(START_NS + round(now * 1e9)))
