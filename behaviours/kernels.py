@@ -185,11 +185,13 @@ def hit(
             continue
         a, b, c = i % shape[0], j % shape[1], k % shape[2]
         ever = moving[a, b, c] == 1
-        if not ever:
+        if not ever and since_ms[a, b, c] != NEVER and passes[a, b, c] >= free_passes:
             ever = True
             for di in range(-1, 2):
                 for dj in range(-1, 2):
                     for dk in range(-1, 2):
+                        if not ever:
+                            break
                         if not _inside(i + di, j + dj, k + dk, low, shape):
                             ever = False
                             continue

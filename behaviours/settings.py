@@ -120,18 +120,23 @@ class HoldSettings(Settings):
 
     priority: int = 50
     target: Literal["plane", "cylinder", "patch"] = Field("plane", description="what is held to")
+    at: tuple[float, float, float] | None = Field(
+        None, description="m, in the feed's own frame: the object that is meant; none: the nearest ahead"
+    )
     range: Positive = Field(1.5, description="from the rig to the object, along the view, m")
-    window: Positive = Field(4.5, description="points as old as this are fitted, s")
+    window: Positive = Field(4.5, description="points as old as this make a new target, s")
     tolerance: Positive = Field(0.03, description="1 sigma of the surface about the fitted shape, m")
     least_points: int = Field(300, ge=10, description="fewer points in the window are no target")
-    least_spread: Positive = Field(0.12, description="extent below which a fit fixes no angle, m")
+    least_spread: Positive = Field(0.12, description="m, 1 sigma: a plane is not fitted to less")
     nearest: Positive = Field(0.4, description="a nearer target is out of range, m")
     farthest: Positive = Field(2.8, description="a farther target is out of range, m")
-    jump: Positive = Field(0.3, description="a range that jumps farther than this is a glitch until it lasts, m")
+    jump: Positive = Field(0.3, description="what is nearer than the target by this is a glitch until it lasts, m")
     confirm: Positive = Field(2.0, description="a new target has to last this long, s")
-    lost: Positive = Field(4.0, description="no fit for this long: the target is lost, s")
-    gains: tuple[Positive, Positive, Positive] = Field((2.4, 0.8, 0.5), description="range, yaw, pitch, 1/s")
-    damping: NotNegative = Field(1.1, description="of the measured speed, against waves")
+    lost: Positive = Field(4.0, description="not seen for this long the target is lost, s")
+    gains: tuple[Positive, Positive, Positive] = Field((1.5, 0.8, 0.5), description="range, yaw, pitch, 1/s")
+    fastest: Positive = Field(0.12, description="approach to the wanted range, m/s")
+    stiffness: NotNegative = Field(3.0, description="what a speed that is off adds to the command, against waves")
+    lead: NotNegative = Field(0.2, description="from a command to the vehicle's answer, s")
 
 
 class SurveySettings(Settings):
@@ -143,7 +148,8 @@ class SurveySettings(Settings):
     )
     altitude: Positive = Field(1.2, description="over the relief, m")
     overlap: Share = Field(0.2, description="of neighbouring lanes")
-    coverage: Share = Field(0.97, description="of the area's cells that have to be seen")
+    coverage: Share = Field(0.985, description="of the cells of area and margin that have to be seen")
+    margin: NotNegative = Field(0.05, description="about the area that is covered too, for navigation errs, m")
     cell: Positive = Field(0.1, description="of the coverage grid, m")
     speed: Positive = Field(0.12, description="m/s")
 

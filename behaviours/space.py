@@ -75,6 +75,8 @@ class Space:
         self._directions = np.ascontiguousarray(directions.reshape(len(v), len(u), 3))
         self._axis = np.ascontiguousarray(rig.camera.rotation[:, 2])
         self._proof: list[tuple[int, float]] = []
+        self._reaches = np.arange(0.3, water.farthest + 0.05, 0.05)
+        self._fading = np.exp(-2 * water.attenuation * self._reaches) / self._reaches**2
         self._bottom: float | None = None
         self.assumed_free_above = np.inf
 
@@ -171,16 +173,14 @@ class Space:
         if len(profile.depth) < 20:
             return
         depth = float(np.median(profile.depth))
-        light = float(np.median(profile.intensity)) * water.darkest * depth**2
-        reach = np.arange(0.3, water.farthest + 0.05, 0.05)
-        would_show = light / reach**2 * np.exp(-2 * water.attenuation * (reach - depth))
-        enough = reach[would_show >= water.faintest]
-        self._proof.append((profile.stamp_ns, float(enough[-1]) if len(enough) else 0.0))
+        light = float(np.median(profile.intensity)) * water.darkest * depth**2 * np.exp(2 * water.attenuation * depth)
+        enough = int((light * self._fading >= water.faintest).sum())
+        self._proof.append((profile.stamp_ns, float(self._reaches[enough - 1]) if enough else 0.0))
 
     def clear_range(self, stamp_ns: int) -> float:
         """Depth, m, up to which a row without a stripe is free water; 0 where nothing has proved the water clear."""
-        lately = [reach for when, reach in self._proof if 0 <= stamp_ns - when < self.water.believed * 1e9]
-        return float(np.percentile(lately, 80)) if len(lately) >= 5 else 0.0
+        lately = sorted(reach for when, reach in self._proof if 0 <= stamp_ns - when < self.water.believed * 1e9)
+        return lately[int(0.8 * (len(lately) - 1))] if len(lately) >= 5 else 0.0
 
     def state(self, points: Floats) -> NDArray[np.int64]:
         """UNKNOWN, FREE or OCCUPIED (n,) of points (n, 3), odom."""

@@ -11,7 +11,8 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from tools.trials.avoidance import KINDS, Outcome
-from tools.trials.jobs import avoid, cover, stay
+from tools.trials.few import FEW, few
+from tools.trials.jobs import avoid
 
 CONTROLLERS = ("garbi", "omniscient", "none", "potential", "stop")
 
@@ -19,7 +20,7 @@ CONTROLLERS = ("garbi", "omniscient", "none", "potential", "stop")
 def main() -> int:
     """The command line."""
     parser = argparse.ArgumentParser(prog="python -m tools.trials", description=__doc__)
-    parser.add_argument("what", choices=["avoidance", "hold", "survey"])
+    parser.add_argument("what", choices=["avoidance", *FEW])
     parser.add_argument("--seeds", type=int, default=300, help="number of trials")
     parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--controllers", nargs="+", default=list(CONTROLLERS), choices=CONTROLLERS)
@@ -27,9 +28,9 @@ def main() -> int:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("-o", "--output", type=Path, help="results, JSON")
     arguments = parser.parse_args()
-    if arguments.what != "avoidance":
-        return _few(arguments.what, arguments.first, arguments.workers, arguments.output)
     seeds = range(arguments.first, arguments.first + arguments.seeds)
+    if arguments.what != "avoidance":
+        return few(arguments.what, seeds, arguments.workers, arguments.output)
     jobs = [(seed, controller, arguments.level) for controller in arguments.controllers for seed in seeds]
     outcomes: list[Outcome] = []
     with ProcessPoolExecutor(arguments.workers, get_context("spawn")) as pool:
@@ -44,24 +45,6 @@ def main() -> int:
     print(table(outcomes))
     if arguments.output:
         arguments.output.write_text(json.dumps([one.as_dict() for one in outcomes], indent=0) + "\n")
-    return 0
-
-
-def _few(what: str, seed: int, workers: int, output: Path | None) -> int:
-    """Station keeping on each object, or a survey: one line each."""
-    with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
-        if what == "hold":
-            found = [one.as_dict() for one in pool.map(stay, [(thing, seed) for thing in ("wall", "pipe", "rock")])]
-        else:
-            found = [pool.submit(cover, seed).result().as_dict()]
-    for one in found:
-        print(
-            "  ".join(
-                f"{key} {value:.3g}" if isinstance(value, float) else f"{key} {value}" for key, value in one.items()
-            )
-        )
-    if output:
-        output.write_text(json.dumps(found, indent=1) + "\n")
     return 0
 
 
