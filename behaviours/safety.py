@@ -112,17 +112,19 @@ class SafetyFilter:
         for distance, normal, point, unknown in zip(
             nearby.distance, nearby.normal, nearby.point, nearby.unknown, strict=True
         ):
-            clearance = settings.clearance_unknown if unknown else settings.clearance
-            margin = float(distance) - clearance
-            bound = self.limit(margin)
-            row = _row(normal, point)
-            drift = float(normal[1] * pose.velocity[1])  # sway cannot be commanded: it is taken as it is
-            relaxed = bound
-            if margin < 0.0 and not unknown:
-                bound = -min(settings.gain * -margin, settings.retreat)
+            row, drift = _row(normal, point), max(float(normal[1] * pose.velocity[1]), 0.0)  # sway is taken as it is
+            if unknown:
+                margin = float(distance) - settings.clearance_unknown
+                # Where water carries the hull into the unseen, standing still does not help and turning may.
+                bound = relaxed = max(self.limit(margin) - drift, settings.nudge)
+            else:
+                margin = float(distance) - settings.clearance
+                relaxed = self.limit(margin)
+                bound = relaxed if margin >= 0.0 else -min(settings.gain * -margin, settings.retreat)
+                bound -= drift
             what = "unseen space" if unknown else "an obstacle"
             why = f"{what} {_where(normal, point)} at {max(float(distance), 0.0):.2f} m"
-            found.append(Constraint(row, bound - max(drift, 0.0), relaxed, why))
+            found.append(Constraint(row, bound, relaxed, why))
         return found
 
     def _moving(self, pose: Pose, mover: Mover) -> Constraint | None:

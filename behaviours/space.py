@@ -60,8 +60,9 @@ class Space:
             np.zeros(size, np.uint8),
             np.full(size, -1, np.int32),
             np.zeros(size, np.uint8),
+            np.full(size, kernels.NEVER, np.int32),
         )
-        self._blank = (kernels.NEVER, kernels.NEVER, kernels.NEVER, 0, 0, -1, 0)
+        self._blank = (kernels.NEVER, kernels.NEVER, kernels.NEVER, 0, 0, -1, 0, kernels.NEVER)
         self.low = np.zeros(3, np.int64)
         self._start_ns: int | None = None
         self._turn = Rotation.from_quat(mount.quaternion).as_matrix()
@@ -75,7 +76,6 @@ class Space:
         self._directions = np.ascontiguousarray(directions.reshape(len(v), len(u), 3))
         self._axis = np.ascontiguousarray(rig.camera.rotation[:, 2])
         self._proof: list[tuple[int, float]] = []
-        self._bottom: float | None = None
         self.assumed_free_above = np.inf
 
     @property
@@ -145,13 +145,14 @@ class Space:
         group = np.minimum(profile.row // self._rows, len(nearest) - 1)
         np.minimum.at(nearest, group, profile.depth - self.voxel)
         self._learn_clarity(profile)
-        kernels.carve(
+        starts, ends = kernels.proved(
             self._origins, self._directions, nearest, self.clear_range(profile.stamp_ns), self._axis,
             self._rig.camera.centre, np.ascontiguousarray(self._rig.sheet(profile.alpha)[0]), self._rig.laser.apex,
-            rotation, position, *carving,
         )  # fmt: skip
-        kernels.carve_to_points(rotation @ self._rig.camera.centre + position, profile.points, 10, *carving)
-        kernels.carve_to_points(rotation @ self._rig.laser.apex + position, profile.points, 10, *carving)
+        kernels.carve(starts @ rotation.T + position, ends @ rotation.T + position, 0.0, *carving)
+        shown = np.ascontiguousarray(profile.points[::10])
+        for eye in (self._rig.camera.centre, self._rig.laser.apex):
+            kernels.carve((rotation @ eye + position)[None], shown, 0.9 * self.voxel, *carving)
         return surprising
 
     def _hit(self, points: Floats, weight: int, now: int) -> NDArray[np.bool_]:
@@ -191,6 +192,13 @@ class Space:
         known = np.where(self.layers[3][place] >= self.settings.hits, kernels.OCCUPIED, known)
         return np.where(inside, known, kernels.UNKNOWN)
 
+    def unsettled(self, stamp_ns: int) -> Floats:
+        """s since each voxel was last hit, where it may be something that moves: it was not hit again at the same place
+        later on. 0 elsewhere; (nx, ny, nz) as `layers`."""
+        _, hit_ms, _, hits, _, _, _, first_ms = self.layers
+        open_ = (hits >= self.settings.hits) & (hit_ms - first_ms < round(self.settings.settled * 1e3))
+        return np.where(open_, (self._ms(stamp_ns) - hit_ms) * 1e-3, 0.0)
+
     def nearby(self, pose: Pose, horizon: float) -> Nearby:
         """The nearest occupied and unknown voxels about the hull."""
         found, kinds = kernels.nearest(
@@ -200,9 +208,10 @@ class Space:
         return Nearby(found[:, 0], found[:, 1:4], found[:, 4:7], kinds == kernels.UNKNOWN)
 
     def corridor(self, pose: Pose, reach: float) -> Corridor:
-        """What lies before the bow."""
+        """What lies before the bow, on the way that the vehicle makes over ground."""
+        slide = float(np.clip(pose.velocity[1] / max(pose.velocity[0], 0.1), -1.0, 1.0))
         length, age, end = kernels.ahead(
-            pose.position, np.ascontiguousarray(pose.rotation), self.half, reach, self.voxel, self.low, self.shape,
+            pose.position, np.ascontiguousarray(pose.rotation), self.half, slide, reach, self.voxel, self.low, self.shape,
             self.settings.hits, self.assumed_free_above, self._ms(pose.stamp_ns), self.layers,
         )  # fmt: skip
         names = {kernels.FREE: "nothing", kernels.OCCUPIED: "obstacle", kernels.UNKNOWN: "unseen"}
@@ -217,6 +226,15 @@ class Space:
         numbers = np.arange(self.low[2], self.low[2] + self.shape[2])
         heights = numbers[occupied[np.mod(numbers, self.shape[2])]]
         self.assumed_free_above = (heights.max() + 1) * self.voxel + above if len(heights) else np.inf
+
+    def view(self, stamp_ns: int) -> Floats:
+        """(4,) camera before base_link, m; half angle, rad; nearest m at which the whole hull's height shows; farthest."""
+        camera = self._rig.camera
+        down = abs(float(np.arcsin(np.clip(self._turn[2, 0], -1.0, 1.0))))
+        high = np.tan(np.arctan(0.5 * camera.height / camera.alpha_v) - down)
+        aside = np.arctan(0.42 * camera.width / camera.alpha_u)
+        near = self.half[2] / max(0.95 * high, 0.1)
+        return np.array([self._mount.translation[0], aside, near, max(self.clear_range(stamp_ns) - 0.2, 1.0)])
 
     def to_rig(self, points: Floats) -> Floats:
         """Points (n, 3) in base_link, seen from the rig."""

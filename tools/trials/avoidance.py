@@ -14,12 +14,13 @@ from tools.simulator.scenario import Mover
 from tools.simulator.seabed import mover_centre
 from tools.simulator.sensors import START_NS
 from tools.trials.baselines import NoAvoidance, Omniscient, PotentialField, StopZone
-from tools.trials.feed import DiveFeed
+from tools.trials.feed import DiveFeed, Level
 from tools.trials.scenario import open_water
 from tools.trials.world import Block, Rod, World
 
 KINDS = ("wall", "pillar", "cable", "overhang", "moving")
 PERIOD = 0.1  # s
+CLEAR = 1.2  # m of free water about the hull at the start, as the operator states it
 Controller = Literal["garbi", "omniscient", "none", "potential", "stop"]
 
 
@@ -69,11 +70,13 @@ def make_world(seed: int) -> tuple[World, str, tuple[float, float, float]]:
         bottom = float(rng.uniform(1.25, 1.6))
         still.append(Block((x, y, bottom + 0.6), (0.4, float(rng.uniform(0.7, 1.3)), 0.6), 0.0, "overhang"))
     else:
-        speed, angle = float(rng.uniform(0.05, 0.15)), float(rng.uniform(-2.4, 2.4))
+        speed, angle = float(rng.uniform(0.05, 0.15)), float(rng.uniform(-1.2, 1.2))
         meeting = np.array([float(rng.uniform(1.4, 3.2)), float(rng.uniform(-0.4, 0.4))])
         way = -np.array([np.cos(angle), np.sin(angle)])
         lead = float(rng.uniform(12.0, 20.0))
         begin = meeting - way * speed * lead
+        while np.hypot(max(begin[0] - 0.65, 0.0), max(abs(begin[1]) - 0.45, 0.0)) < CLEAR + 0.3:  # as the operator said
+            begin = begin - 0.1 * way
         height = float(rng.uniform(0.9, 1.3))
         movers = (
             Mover(
@@ -89,7 +92,7 @@ def make_world(seed: int) -> tuple[World, str, tuple[float, float, float]]:
 def run(
     seed: int,
     controller: Controller = "garbi",
-    level: Literal["profiles", "images"] = "profiles",
+    level: Level = "profiles",
     longest: float = 110.0,
 ) -> Outcome:
     """Fly one trial: 5 % of the images lost, one dropout of 3 s, a current of up to 0.1 m/s, waves."""
@@ -101,6 +104,8 @@ def run(
     dive = world.make(scenario)
     silent = float(rng.uniform(5.0, 25.0))
     settings = BehaviourSettings(travel=TravelSettings(goal=goal))
+    if controller in ("omniscient", "none"):
+        level = "blind"
     feed = DiveFeed(dive, settings.feed, level, lost=0.05, silent=((silent, silent + 3.0),))
     pilots = {
         "garbi": Pilot,

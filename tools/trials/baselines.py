@@ -41,7 +41,9 @@ class Omniscient(Pilot):
         space = self.space
         now = space._ms(now_ns)
         space.layers[0][:] = now
+        space.layers[1][:] = now
         space.layers[3][:] = 0
+        space.layers[7][:] = now - 60_000
         space._proof = [(now_ns, 3.0)] * 5
         ground = np.floor((0.05 - self._start[2]) / space.voxel).astype(int)
         for k in range(int(space.low[2]), ground + 1):
@@ -67,16 +69,20 @@ class Omniscient(Pilot):
 class _Straight(Pilot):
     """Straight to the goal, whatever the space says; `_bend` makes the difference."""
 
+    name: str
+
     def decide(self, seen: Seen) -> Decision:
         """One command."""
-        decision = super().decide(seen)
-        goal = self.settings.travel.goal if self.settings.travel else None
-        if seen.pose is None or goal is None:
-            return decision
-        away = np.array(goal) - seen.pose.position
-        pull = away / max(float(np.linalg.norm(away)), 1e-9)
-        command = self._bend(seen.pose, pull)
-        return Decision(**{**decision.__dict__, "command": command})
+        command, goal = Command(), self.settings.travel.goal if self.settings.travel else None
+        for profile in seen.profiles:
+            self.space.see(profile)
+        if seen.pose is not None and goal is not None:
+            self.space.be_at(seen.pose)
+            away = np.array(goal) - seen.pose.position
+            command = self._bend(seen.pose, away / max(float(np.linalg.norm(away)), 1e-9))
+        return Decision(
+            seen.now_ns, seen.pose, [], command, self.name, self.name, command, [], False, seen.troubles, np.inf, ""
+        )
 
     def _bend(self, pose: Pose, pull: np.ndarray) -> Command:
         return _towards(pose, pull, 0.2)
@@ -85,9 +91,13 @@ class _Straight(Pilot):
 class NoAvoidance(_Straight):
     """Nothing is avoided."""
 
+    name = "none"
+
 
 class PotentialField(_Straight):
     """Attraction to the goal, repulsion from the occupied voxels that were seen (Khatib, 1986)."""
+
+    name = "potential"
 
     def _bend(self, pose: Pose, pull: np.ndarray) -> Command:
         near = self.space.nearby(pose, FIELD)
@@ -99,6 +109,8 @@ class PotentialField(_Straight):
 
 class StopZone(_Straight):
     """Stop while anything that was seen stands in a zone before the bow."""
+
+    name = "stop"
 
     def _bend(self, pose: Pose, pull: np.ndarray) -> Command:
         corridor = self.space.corridor(pose, STOP_ZONE)
