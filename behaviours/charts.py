@@ -6,13 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
 
-from behaviours import kernels
+from behaviours import kernels, kernels_plan
+from behaviours.settings import TravelSettings
 from behaviours.space import Space
+from behaviours.types import Pose
 from garbi_map.log.records import Floats
 
-LAYER = 0.2  # m between heights
+LAYER = 0.3  # m between heights
+REACH = 3.8  # m to each side of the vehicle
 ABOVE_AND_BELOW = 0.3  # m kept from what is occupied above and below
 FAR = 9.0  # m, where there is none
 
@@ -24,6 +26,7 @@ class Charts:
     heights   (n,) m, odom, LAYER apart, of base_link
     low       (2,) number of the first column on each axis; voxel: edge, m
     occupied  (n, nx, ny) m from each column to the nearest in which a hull at that height meets something; 0 there
+    wary      (n, nx, ny) m, the same less the way that what may move may have come since
     unseen    (n, nx, ny) m, likewise to the nearest in which some of it would be in unseen water
     """
 
@@ -31,6 +34,7 @@ class Charts:
     low: NDArray[np.int64]
     voxel: float
     occupied: NDArray[np.float32]
+    wary: NDArray[np.float32]
     unseen: NDArray[np.float32]
 
     def column(self, point: Floats) -> tuple[int, int, int]:
@@ -40,44 +44,29 @@ class Charts:
         return int(np.abs(self.heights - point[2]).argmin()), int(i), int(j)
 
 
-def draw(space: Space, middle: float, band: float, grown: Floats) -> Charts:
-    """Charts for heights within `band` m of `middle`, odom, as the space is known now.
+def draw(space: Space, pose: Pose, middle: float, settings: TravelSettings) -> Charts:
+    """Charts about the vehicle, for heights within a band about `middle` m, odom, as the space is known now.
 
-    grown: (nx, ny, nz) m by which each occupied voxel may have come nearer, see Space.unsettled"""
-    order = [np.mod(np.arange(low, low + n), n) for low, n in zip(space.low, space.shape, strict=True)]
-    hits = space.layers[3][np.ix_(*order)] >= space.settings.hits
-    known = space.layers[0][np.ix_(*order)] != kernels.NEVER
-    if np.isfinite(space.assumed_free_above):
-        floors = np.arange(space.low[2], space.low[2] + space.shape[2]) * space.voxel
-        known[:, :, floors >= space.assumed_free_above] = True
-    grown = grown[np.ix_(*order)]
-    count = 2 * round(band / LAYER) + 1
+    What was hit once may move: the longer ago that was, the nearer it may have come."""
+    voxel = space.voxel
+    count = 2 * round(settings.band / LAYER) + 1
     heights = middle + LAYER * (np.arange(count) - count // 2)
-    occupied = np.zeros((count, *hits.shape[:2]), np.float32)
-    unseen = np.zeros_like(occupied)
-    for n, height in enumerate(heights):
-        wide = _levels(space, height, float(space.half[2]) + ABOVE_AND_BELOW)
-        own = _levels(space, height, float(space.half[2]) - 0.5 * space.voxel)
-        if wide is not None and own is not None:
-            there = hits[:, :, wide].any(2)
-            occupied[n] = _away(there, space.voxel)
-            come = np.where(there, grown[:, :, wide].max(2), 0.0)
-            if come.any():
-                away, (i, j) = distance_transform_edt(come == 0.0, return_indices=True)
-                occupied[n] = np.minimum(occupied[n], np.maximum(away * space.voxel - come[i, j], 0.0))
-            unseen[n] = _away(~known[:, :, own].all(2), space.voxel)
-    return Charts(heights, space.low[:2].copy(), space.voxel, occupied, unseen)
-
-
-def _levels(space: Space, height: float, half: float) -> slice | None:
-    """The levels of voxels that a hull of that half height at `height` is in; None: outside the volume."""
-    first = int(np.floor((height - half) / space.voxel)) - int(space.low[2])
-    last = int(np.floor((height + half) / space.voxel)) - int(space.low[2])
-    return None if first < 0 or last >= space.shape[2] else slice(first, last + 1)
-
-
-def _away(there: NDArray[np.bool_], voxel: float) -> NDArray[np.float32]:
-    """m from each column (nx, ny) to the nearest that is true."""
-    if not there.any():
-        return np.full(there.shape, FAR, np.float32)
-    return (distance_transform_edt(~there) * voxel).astype(np.float32)
+    low = np.floor(pose.position[:2] / voxel).astype(np.int64) - round(REACH / voxel)
+    occupied, unseen, hit_ms = kernels_plan.chart(
+        heights, float(space.half[2]), ABOVE_AND_BELOW, low, 2 * round(REACH / voxel), voxel, space.low, space.shape,
+        space.settings.hits, round(space.settings.settled * 1e3), space.assumed_free_above, space.layers,
+    )  # fmt: skip
+    near = np.empty(occupied.shape, np.float32)
+    dark, wary = np.empty_like(near), np.empty_like(near)
+    now = space.milliseconds(pose.stamp_ns)
+    for n in range(count):
+        near[n] = kernels_plan.distance(occupied[n], FAR / voxel) * voxel
+        dark[n] = kernels_plan.distance(unseen[n], FAR / voxel) * voxel
+        wary[n] = near[n]
+        settled = kernels_plan.distance(occupied[n] & (hit_ms[n] == kernels.NEVER), FAR / voxel)
+        restless = (hit_ms[n] != kernels.NEVER) & (settled > 1.5)
+        if restless.any():
+            oldest = (now - int(hit_ms[n][restless].min())) * 1e-3
+            come = min(settings.unsettled_speed * max(oldest, 0.0), settings.unsettled_most)
+            wary[n] = np.minimum(near[n], kernels_plan.distance(restless, FAR / voxel) * voxel - come)
+    return Charts(heights, low, voxel, near, wary, dark)

@@ -2,7 +2,8 @@
 
 Layers, all (nx, ny, nz): free_ms int32, when last seen free; hit_ms int32, when last hit; since_ms int32, since when it has
 been free without a hit; hits uint8; passes uint8, in which it was seen free; last_pass int32; moving uint8; first_ms
-int32, of the hits that are counted. Times are ms since the start, NEVER where it never was. `low` (3,) is the first voxel's number on each axis.
+int32, of the hits that are counted. Times are ms since the start, NEVER where it never was. `low` (3,) is the first
+voxel's number on each axis.
 """
 
 from __future__ import annotations

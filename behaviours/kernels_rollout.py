@@ -71,11 +71,13 @@ def rehearse(
     manoeuvres: Floats,
     step: float,
     count: int,
+    soon: int,
     model: Floats,
     heights: Floats,
     low: NDArray[np.int64],
     voxel: float,
     occupied: NDArray[np.float32],
+    wary: NDArray[np.float32],
     unseen: NDArray[np.float32],
     guide: Floats,
     circles: Floats,
@@ -91,7 +93,7 @@ def rehearse(
     state       (7,) x y z m, heading rad, surge and sway over ground m/s, yaw rate rad/s
     current     (2,) m/s, odom
     manoeuvres  (m, 6) surge, yaw, for how many s; surge and yaw for the rest; height to reach, m
-    step, count s and number of steps
+    step, count, soon  s, number of steps, and of those in which the hull must not get into the unseen
     model       (4,) lag of surge s, of yaw s, of sway s, share of surge times yaw rate that becomes sway
     heights ... see Charts; guide (n, nx / 2, ny / 2) m of way left, of every second column
     circles     (k,) m along the hull, of discs of that radius that cover it
@@ -107,7 +109,7 @@ def rehearse(
     for m in range(total):
         x, y, z, heading, surge, sway, rate = state
         hit, wish, blind, least, mean, aside, seen = 0.0, 0.0, 0.0, INF, 0.0, 0.0, 0.0
-        layer = 0
+        layer, left, arrested = 0, INF, False
         for n in range(count):
             first = (n + 0.5) * step <= manoeuvres[m, 2]
             wanted_surge = manoeuvres[m, 0] if first else manoeuvres[m, 3]
@@ -123,10 +125,11 @@ def rehearse(
             heading += step * rate
             layer = min(max(int(math.floor((z - heights[0]) / (heights[1] - heights[0]) + 0.5)), 0), len(heights) - 1)
             cos, sin = math.cos(heading), math.sin(heading)
-            near, dark = INF, INF
+            near, calm, dark = INF, INF, INF
             for k in range(len(circles)):
                 px, py = x + cos * circles[k], y + sin * circles[k]
                 near = min(near, _at(occupied[layer], voxel, low, px, py, 9.0) - radius - 0.5 * voxel)
+                calm = min(calm, _at(wary[layer], voxel, low, px, py, 9.0) - radius - 0.5 * voxel)
                 dark = min(dark, _at(unseen[layer], voxel, low, px, py, 0.0) - radius)
                 for j in range(len(movers)):
                     if abs(movers[j, 2] + (n + 1) * step * movers[j, 5] - z) > movers[j, 6] + 0.8:
@@ -136,9 +139,12 @@ def rehearse(
                     gap = math.sqrt(mx * mx + my * my) - movers[j, 6] - radius
                     hit += step * max(margins[2] - gap, 0.0)
             hit += step * max(margins[0] - near, 0.0)
-            wish += step * min(max(1.0 - (near - margins[0]) / margins[1], 0.0), 1.0)
-            blind += step * max(-dark, 0.0)
-            left = _smooth(guide[layer], voxel, low, x, y)
+            wish += step * min(max(1.0 - (calm - margins[0]) / margins[1], 0.0), 1.5)
+            if n < soon:  # farther on there is time for another look
+                blind += step * max(-dark, 0.0)
+            arrested = arrested or dark < -0.05  # what lies in the unseen is no way made
+            if not arrested or n == 0:
+                left = _smooth(guide[layer], voxel, low, x, y)
             least = min(least, left)
             mean += left / count
             if n % GLANCE == GLANCE - 1:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from behaviours.charts import Charts, draw
+from behaviours.charts import LAYER, Charts, draw
 from behaviours.kernels_plan import cheapest, trace
 from behaviours.kernels_rollout import rehearse
 from behaviours.moving import Mover
@@ -22,11 +22,11 @@ from behaviours.types import Pose
 from garbi_map.log.records import Floats
 
 CLIMB_PRICE = 2.0
-NEAR_PRICE, UNSEEN_PRICE = 2.0, 1.0
+NEAR_PRICE, UNSEEN_PRICE = 1.5, 0.5
 TRIED_PRICE = 3.0
 BLIND_PRICE, BLIND = 3.0, 1.2  # what is unseen this near (m) does not come into view without backing off
-STEP, COUNT = 0.5, 24  # s and number of steps of a rehearsal
-WEIGHTS = np.array([1.0, 20.0, 0.15, 12.0, 0.5, 1.5])  # way left, obstacle, wish, unseen, heading, looking
+STEP, COUNT, SOON = 0.5, 24, 13  # s, number of steps of a rehearsal, and of those that must stay in what was seen
+WEIGHTS = np.array([1.0, 20.0, 0.15, 12.0, 0.5, 1.2])  # way left, obstacle, wish, unseen, heading, looking
 LOOK_AHEAD, LOOK_MOST = 3.0, 60  # m of the way, columns
 PATIENCE = 5.0  # s in view, after which a column that is still unseen is hidden by something
 DISCS = np.array([-1.0, 0.0, 1.0])
@@ -59,11 +59,9 @@ class Planner:
     def plan(self, space: Space, pose: Pose, goal: Floats, current: Floats, movers: list[Mover]) -> Plan | None:
         """None: no way is known, not even through the unseen."""
         middle = float(
-            goal[2] + 0.2 * np.round((pose.position[2] - goal[2]) / 0.2)
-        )  # a lattice that holds the goal's height
-        settings = self._settings
-        grown = np.minimum(settings.unsettled_speed * space.unsettled(pose.stamp_ns), settings.unsettled_most)
-        charts = draw(space, middle, settings.band, grown)
+            goal[2] + LAYER * np.round((pose.position[2] - goal[2]) / LAYER)
+        )  # a lattice with the goal's height
+        charts = draw(space, pose, middle, self._settings)
         left, path = self._way(charts, pose, goal)
         if path is None:
             return None
@@ -76,8 +74,9 @@ class Planner:
         moving = np.array([[*one.at(pose.stamp_ns), *one.velocity, one.radius] for one in movers]).reshape(-1, 7)
         margins = np.array([self._settings.clearance, 0.4, 0.5])
         price, parts = rehearse(
-            state, current, manoeuvres, STEP, COUNT, self._model, charts.heights, charts.low, charts.voxel,
-            charts.occupied, charts.unseen, left, self._circles, self._radius, margins, moving, look, view, WEIGHTS,
+            state, current, manoeuvres, STEP, COUNT, SOON, self._model, charts.heights, charts.low, charts.voxel,
+            charts.occupied, charts.wary, charts.unseen, left, self._circles, self._radius, margins, moving, look,
+            view, WEIGHTS,
         )  # fmt: skip
         best = int(np.argmin(price))
         surge, yaw, _, _, _, rise = manoeuvres[best]
@@ -93,7 +92,7 @@ class Planner:
 
     def _way(self, charts: Charts, pose: Pose, goal: Floats) -> tuple[Floats, Floats | None]:
         """m of way left from every second column (layers, nx / 2, ny / 2); and the path."""
-        occupied, unseen = charts.occupied[:, ::2, ::2], charts.unseen[:, ::2, ::2]
+        occupied, wary, unseen = (chart[:, ::2, ::2] for chart in (charts.occupied, charts.wary, charts.unseen))
         n, i, j = charts.column(pose.position)
         own = np.array([n, i // 2, j // 2], np.int64)
         a, b = np.ogrid[: occupied.shape[1], : occupied.shape[2]]
@@ -106,7 +105,7 @@ class Planner:
             tried = (tried - charts.low) // 2
             tried = tried[((tried >= 0) & (tried < cost.shape[1:])).all(1)]
             cost[:, tried[:, 0], tried[:, 1]] += TRIED_PRICE * (unseen[:, tried[:, 0], tried[:, 1]] < width)
-        cost += NEAR_PRICE * np.clip(1.0 - (occupied - width - self._settings.clearance) / 0.4, 0.0, 2.0)
+        cost += NEAR_PRICE * np.clip(1.0 - (wary - width - self._settings.clearance) / 0.4, 0.0, 2.0)
         cost[occupied < width + 0.05] = np.inf
         around = cost[:, max(own[1] - 2, 0) : own[1] + 3, max(own[2] - 2, 0) : own[2] + 3]
         around[np.isinf(around)] = 12.0  # the vehicle is here, however near: it has to get out

@@ -15,6 +15,7 @@ from behaviours.types import Pose, Profile
 from garbi_map.log.records import Floats, Mount
 from garbi_map.rig import Rig
 
+EVERY = 2  # profiles of which one carves: neighbours prove the same
 DOT = 2  # hits that a dot of a profile counts: one may be a flake of snow, two in the same place are something
 
 
@@ -75,6 +76,7 @@ class Space:
         self._origins = np.ascontiguousarray(origins.reshape(len(v), len(u), 3))
         self._directions = np.ascontiguousarray(directions.reshape(len(v), len(u), 3))
         self._axis = np.ascontiguousarray(rig.camera.rotation[:, 2])
+        self._count = 0
         self._proof: list[tuple[int, float]] = []
         self.assumed_free_above = np.inf
 
@@ -82,7 +84,8 @@ class Space:
     def _hold(self) -> tuple[int, int]:
         return round(self.settings.hold * 1e3), round(self.settings.hold_moving * 1e3)
 
-    def _ms(self, stamp_ns: int) -> int:
+    def milliseconds(self, stamp_ns: int) -> int:
+        """The times that the layers hold."""
         assert self._start_ns is not None
         return (stamp_ns - self._start_ns) // 1_000_000
 
@@ -92,7 +95,7 @@ class Space:
         if first or pose.stamp_ns < self._start_ns - 3_600_000_000_000:  # type: ignore[operator]
             self._start_ns = pose.stamp_ns - 1_000_000_000
         self._follow(pose.position)
-        now = self._ms(pose.stamp_ns)
+        now = self.milliseconds(pose.stamp_ns)
         if first:
             clearance = self.half + self.settings.launch_clearance
             kernels.free_box(
@@ -131,7 +134,7 @@ class Space:
         pose, settings = profile.pose, self.settings
         if self._start_ns is None:
             self.be_at(pose)
-        now, sweep = self._ms(profile.stamp_ns), profile.sweep
+        now, sweep = self.milliseconds(profile.stamp_ns), profile.sweep
         rotation = np.ascontiguousarray(pose.rotation @ self._turn)
         position = pose.rotation @ self._mount.translation + pose.position
         grid = (self.voxel, self.low, self.shape)
@@ -141,19 +144,25 @@ class Space:
         dots = np.flatnonzero(~profile.solid)
         _, first = np.unique(profile.piece[dots], return_index=True)
         self._hit(profile.points[dots[first]], DOT, now)
+        self._learn_clarity(profile)
+        self._count += 1
+        if self._count % EVERY == 0:
+            self._carve_clear(profile, rotation, position, carving)
+        shown = np.ascontiguousarray(profile.points[::10])
+        for eye in (self._rig.camera.centre, self._rig.laser.apex):
+            kernels.carve((rotation @ eye + position)[None], shown, 0.9 * self.voxel, *carving)
+        return surprising
+
+    def _carve_clear(self, profile: Profile, rotation: Floats, position: Floats, carving: tuple[Any, ...]) -> None:
+        """Free what rows without a stripe prove."""
         nearest = np.full(len(self._origins), np.inf)
         group = np.minimum(profile.row // self._rows, len(nearest) - 1)
         np.minimum.at(nearest, group, profile.depth - self.voxel)
-        self._learn_clarity(profile)
         starts, ends = kernels.proved(
             self._origins, self._directions, nearest, self.clear_range(profile.stamp_ns), self._axis,
             self._rig.camera.centre, np.ascontiguousarray(self._rig.sheet(profile.alpha)[0]), self._rig.laser.apex,
         )  # fmt: skip
         kernels.carve(starts @ rotation.T + position, ends @ rotation.T + position, 0.0, *carving)
-        shown = np.ascontiguousarray(profile.points[::10])
-        for eye in (self._rig.camera.centre, self._rig.laser.apex):
-            kernels.carve((rotation @ eye + position)[None], shown, 0.9 * self.voxel, *carving)
-        return surprising
 
     def _hit(self, points: Floats, weight: int, now: int) -> NDArray[np.bool_]:
         settings = self.settings
@@ -192,13 +201,6 @@ class Space:
         known = np.where(self.layers[3][place] >= self.settings.hits, kernels.OCCUPIED, known)
         return np.where(inside, known, kernels.UNKNOWN)
 
-    def unsettled(self, stamp_ns: int) -> Floats:
-        """s since each voxel was last hit, where it may be something that moves: it was not hit again at the same place
-        later on. 0 elsewhere; (nx, ny, nz) as `layers`."""
-        _, hit_ms, _, hits, _, _, _, first_ms = self.layers
-        open_ = (hits >= self.settings.hits) & (hit_ms - first_ms < round(self.settings.settled * 1e3))
-        return np.where(open_, (self._ms(stamp_ns) - hit_ms) * 1e-3, 0.0)
-
     def nearby(self, pose: Pose, horizon: float) -> Nearby:
         """The nearest occupied and unknown voxels about the hull."""
         found, kinds = kernels.nearest(
@@ -212,7 +214,7 @@ class Space:
         slide = float(np.clip(pose.velocity[1] / max(pose.velocity[0], 0.1), -1.0, 1.0))
         length, age, end = kernels.ahead(
             pose.position, np.ascontiguousarray(pose.rotation), self.half, slide, reach, self.voxel, self.low, self.shape,
-            self.settings.hits, self.assumed_free_above, self._ms(pose.stamp_ns), self.layers,
+            self.settings.hits, self.assumed_free_above, self.milliseconds(pose.stamp_ns), self.layers,
         )  # fmt: skip
         names = {kernels.FREE: "nothing", kernels.OCCUPIED: "obstacle", kernels.UNKNOWN: "unseen"}
         return Corridor(float(length), min(float(age) * 1e-3, 1e6), names[int(end)])

@@ -39,7 +39,7 @@ class Omniscient(Pilot):
 
     def _fill(self, now_ns: int) -> None:
         space = self.space
-        now = space._ms(now_ns)
+        now = space.milliseconds(now_ns)
         space.layers[0][:] = now
         space.layers[1][:] = now
         space.layers[3][:] = 0
