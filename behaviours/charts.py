@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from behaviours import kernels, kernels_plan
+from behaviours import kernels, kernels_charts
 from behaviours.settings import TravelSettings
 from behaviours.space import Space
 from behaviours.types import Pose
@@ -52,7 +52,7 @@ def draw(space: Space, pose: Pose, middle: float, settings: TravelSettings) -> C
     count = 2 * round(settings.band / LAYER) + 1
     heights = middle + LAYER * (np.arange(count) - count // 2)
     low = np.floor(pose.position[:2] / voxel).astype(np.int64) - round(REACH / voxel)
-    occupied, unseen, hit_ms = kernels_plan.chart(
+    occupied, unseen, hit_ms = kernels_charts.chart(
         heights, float(space.half[2]), ABOVE_AND_BELOW, low, 2 * round(REACH / voxel), voxel, space.low, space.shape,
         space.settings.hits, round(space.settings.settled * 1e3), space.assumed_free_above, space.layers,
     )  # fmt: skip
@@ -60,13 +60,13 @@ def draw(space: Space, pose: Pose, middle: float, settings: TravelSettings) -> C
     dark, wary = np.empty_like(near), np.empty_like(near)
     now = space.milliseconds(pose.stamp_ns)
     for n in range(count):
-        near[n] = kernels_plan.distance(occupied[n], FAR / voxel) * voxel
-        dark[n] = kernels_plan.distance(unseen[n], FAR / voxel) * voxel
+        near[n] = kernels_charts.distance(occupied[n], FAR / voxel) * voxel
+        dark[n] = kernels_charts.distance(unseen[n], FAR / voxel) * voxel
         wary[n] = near[n]
-        settled = kernels_plan.distance(occupied[n] & (hit_ms[n] == kernels.NEVER), FAR / voxel)
+        settled = kernels_charts.distance(occupied[n] & (hit_ms[n] == kernels.NEVER), FAR / voxel)
         restless = (hit_ms[n] != kernels.NEVER) & (settled > 1.5)
         if restless.any():
             oldest = (now - int(hit_ms[n][restless].min())) * 1e-3
             come = min(settings.unsettled_speed * max(oldest, 0.0), settings.unsettled_most)
-            wary[n] = np.minimum(near[n], kernels_plan.distance(restless, FAR / voxel) * voxel - come)
+            wary[n] = np.minimum(near[n], kernels_charts.distance(restless, FAR / voxel) * voxel - come)
     return Charts(heights, low, voxel, near, wary, dark)

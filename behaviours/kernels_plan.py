@@ -1,4 +1,4 @@
-"""Compiled charts of the local volume (see behaviours.charts), and shortest paths over them."""
+"""Compiled shortest paths: over layers of cells, and over cells and headings."""
 
 from __future__ import annotations
 
@@ -9,109 +9,35 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from behaviours.kernels import NEVER
 from garbi_map.log.records import Floats
 
-
-@njit(cache=True, nogil=True)
-def chart(
-    heights: Floats,
-    half: float,
-    margin: float,
-    first: NDArray[np.int64],
-    size: int,
-    voxel: float,
-    low: NDArray[np.int64],
-    shape: NDArray[np.int64],
-    least: int,
-    lasting: int,
-    assumed_free_above: float,
-    layers: tuple,
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.int32]]:
-    """Of each column (heights, size, size) from column `first` (2,) on: whether a hull of that half height, m, at that
-    height and a margin above and below meet something; whether some of the hull would be in unseen water; and the
-    latest hit, ms, of what may move (no voxel was hit again `lasting` ms after its first hit), NEVER where there is none."""
-    free_ms, hit_ms, _, hits, _, _, _, first_ms = layers
-    occupied = np.zeros((len(heights), size, size), np.bool_)
-    unseen = np.zeros_like(occupied)
-    restless = np.full(occupied.shape, NEVER, np.int32)
-    for n in range(len(heights)):
-        bottom, top = heights[n] - half - margin, heights[n] + half + margin
-        k0, k1 = math.floor(bottom / voxel), math.floor(top / voxel) + 1
-        o0, o1 = math.floor((heights[n] - half) / voxel + 0.5), math.floor((heights[n] + half) / voxel - 0.5) + 1
-        for i in range(size):
-            for j in range(size):
-                p, q = first[0] + i, first[1] + j
-                if not (low[0] <= p < low[0] + shape[0] and low[1] <= q < low[1] + shape[1]):
-                    unseen[n, i, j] = True
-                    continue
-                a, b = p % shape[0], q % shape[1]
-                settled = False
-                for k in range(k0, k1):
-                    if not low[2] <= k < low[2] + shape[2]:
-                        occupied[n, i, j] = True
-                        continue
-                    c = k % shape[2]
-                    if hits[a, b, c] >= least:
-                        settled = settled or hit_ms[a, b, c] - first_ms[a, b, c] >= lasting
-                        restless[n, i, j] = max(restless[n, i, j], hit_ms[a, b, c])
-                        occupied[n, i, j] = True
-                    elif o0 <= k < o1 and free_ms[a, b, c] == NEVER and k * voxel < assumed_free_above:
-                        unseen[n, i, j] = True
-                if settled:
-                    restless[n, i, j] = NEVER
-    return occupied, unseen, restless
+HEADINGS = 8
+STEP_X = np.array([1, 1, 0, -1, -1, -1, 0, 1])
+STEP_Y = np.array([0, 1, 1, 1, 0, -1, -1, -1])
+SLACK = 0.1  # m of the hull's outline in the unseen that safety lets by, slowly
+TURN, ASTERN = 0.45, 1.7  # m that an eighth of a turn is worth; price of a metre backwards
+TURN_UNSEEN, ASTERN_UNSEEN = 2.5, 15.0  # m for an eighth of a turn, and per metre, where some of the hull is not seen
+TIGHT = 20.0  # price of a metre where there is no room
 
 
 @njit(cache=True, nogil=True)
-def distance(there: NDArray[np.bool_], farthest: float) -> NDArray[np.float32]:
-    """Cells from each cell (nx, ny) to the nearest that is true, `farthest` at most: exact (Felzenszwalb and Huttenlocher,
-    Distance Transforms of Sampled Functions, 2012)."""
-    nx, ny = there.shape
-    square = farthest * farthest
-    column = np.empty((nx, ny))
-    for j in range(ny):  # along x: two passes count steps
-        gone = farthest
-        for i in range(nx):
-            gone = 0.0 if there[i, j] else gone + 1.0
-            column[i, j] = gone
-        gone = farthest
-        for i in range(nx - 1, -1, -1):
-            gone = 0.0 if there[i, j] else gone + 1.0
-            column[i, j] = min(min(gone, column[i, j]) ** 2, square)
-    out = np.empty((nx, ny), np.float32)
-    place, border = np.empty(ny, np.int64), np.empty(ny + 1)
-    for i in range(nx):  # along y: the lower envelope of parabolas
-        f = column[i]
-        k = 0
-        place[0], border[0], border[1] = 0, -np.inf, np.inf
-        for q in range(1, ny):
-            s = (f[q] + q * q - f[place[k]] - place[k] ** 2) / (2.0 * (q - place[k]))
-            while s <= border[k]:
-                k -= 1
-                s = (f[q] + q * q - f[place[k]] - place[k] ** 2) / (2.0 * (q - place[k]))
-            k += 1
-            place[k], border[k], border[k + 1] = q, s, np.inf
-        k = 0
-        for q in range(ny):
-            while border[k + 1] < q:
-                k += 1
-            out[i, q] = min(math.sqrt((q - place[k]) ** 2 + f[place[k]]), farthest)
-    return out
-
-
-@njit(cache=True, nogil=True)
-def cheapest(cost: NDArray[np.float32], start: NDArray[np.int64], climb: float) -> tuple[Floats, NDArray[np.int64]]:
-    """Dijkstra from `start` (layer, i, j): price of reaching each cell (layers, nx, ny), inf where it cannot be, and the
-    flat number of the cell before (-1 at the start). A step costs its length in cells times the mean of both cells."""
+def cheapest(cost: NDArray[np.float32], begin: Floats, climb: float) -> tuple[Floats, NDArray[np.int64]]:
+    """Dijkstra from cells with a price to begin with (layers, nx, ny; inf: none): price of reaching each cell, inf where it
+    cannot be, and the flat number of the cell before (-1 where it begins). A step costs its length in cells times the mean
+    of both cells."""
     layers, nx, ny = cost.shape
-    reached = np.full((layers, nx, ny), np.inf)
+    reached = begin.copy()
     parent = np.full((layers, nx, ny), -1, np.int64)
     done = np.zeros((layers, nx, ny), np.bool_)
-    reached[start[0], start[1], start[2]] = 0.0
-    queue = [(0.0, start[0] * nx * ny + start[1] * ny + start[2])]
+    queue = [(0.0, np.int64(-1))]
+    for cell in range(layers * nx * ny):
+        price = begin[cell // (nx * ny), (cell // ny) % nx, cell % ny]
+        if price < np.inf:
+            heapq.heappush(queue, (price, np.int64(cell)))
     while len(queue) > 0:
         price, cell = heapq.heappop(queue)
+        if cell < 0:
+            continue
         n, i, j = cell // (nx * ny), (cell // ny) % nx, cell % ny
         if done[n, i, j]:
             continue
@@ -151,3 +77,82 @@ def trace(parent: NDArray[np.int64], end: NDArray[np.int64]) -> NDArray[np.int64
         cell = parent[cells[row, 0], cells[row, 1], cells[row, 2]]
         row -= 1
     return cells
+
+
+@njit(cache=True, nogil=True)
+def manoeuvring(
+    begin: Floats,
+    size: float,
+    occupied: NDArray[np.float32],
+    wary: NDArray[np.float32],
+    unseen: NDArray[np.float32],
+    circles: Floats,
+    radius: float,
+    clearance: float,
+    near_price: float,
+    unseen_price: float,
+) -> Floats:
+    """m of way left (nx, ny, headings) for a hull that goes ahead, astern, or turns on the spot, from Dijkstra backwards.
+
+    begin (nx, ny) m left from cells of that size (m) where the search begins, inf elsewhere; occupied, wary, unseen
+    (2 nx, 2 ny) charts of one height, two columns to a cell; discs of `radius` at `circles` m along the hull. What is ahead
+    is seen before the hull comes there; what is abeam or astern is not: to turn or back into the unseen is dear."""
+    nx, ny = begin.shape
+    half = 0.5 * size
+    sweep = radius + circles[len(circles) - 1] - 0.14  # m, of the corners
+    ahead, dark = np.empty((nx, ny, HEADINGS)), np.zeros((nx, ny, HEADINGS), np.bool_)
+    spin = np.full((nx, ny), TURN)
+    for i in range(nx):
+        for j in range(ny):
+            if occupied[2 * i, 2 * j] - 0.5 * half < sweep + 0.05:
+                spin[i, j] = TIGHT
+            elif unseen[2 * i, 2 * j] < sweep - SLACK:
+                spin[i, j] = TURN_UNSEEN
+            for h in range(HEADINGS):
+                cos, sin = math.cos(h * math.pi / 4), math.sin(h * math.pi / 4)
+                room, calm, seen = 1e9, 1e9, 1e9
+                for k in range(len(circles)):
+                    a = min(max(2 * i + round(circles[k] * cos / half), 0), 2 * nx - 1)
+                    b = min(max(2 * j + round(circles[k] * sin / half), 0), 2 * ny - 1)
+                    room = min(room, occupied[a, b] - radius - 0.5 * half)
+                    calm = min(calm, wary[a, b] - radius - 0.5 * half)
+                    seen = min(seen, unseen[a, b] - radius)
+                ahead[i, j, h] = 1.0 + near_price * min(max(1.0 - (calm - clearance) / 0.4, 0.0), 2.0)
+                if room < clearance - 0.1:
+                    ahead[i, j, h] = TIGHT
+                if seen < -SLACK:
+                    dark[i, j, h] = True
+    left = np.full((nx, ny, HEADINGS), np.inf)
+    queue = [(0.0, np.int64(-1))]
+    for i in range(nx):
+        for j in range(ny):
+            if begin[i, j] < np.inf:
+                for h in range(HEADINGS):
+                    left[i, j, h] = begin[i, j]
+                    heapq.heappush(queue, (begin[i, j], np.int64((i * ny + j) * HEADINGS + h)))
+    while len(queue) > 0:
+        price, place = heapq.heappop(queue)
+        if place < 0:
+            continue
+        i, j, h = place // HEADINGS // ny, (place // HEADINGS) % ny, place % HEADINGS
+        if price > left[i, j, h]:
+            continue
+        length = size * math.sqrt(float(STEP_X[h] ** 2 + STEP_Y[h] ** 2))
+        for way in range(4):  # from where does one come here: ahead, astern, turning either way
+            p, q, g = i, j, h
+            if way < 2:
+                sign = -1 if way == 0 else 1
+                p, q = i + sign * STEP_X[h], j + sign * STEP_Y[h]
+                if p < 0 or q < 0 or p >= nx or q >= ny:
+                    continue
+                if way == 0:
+                    cost = length * (ahead[i, j, h] + (unseen_price if dark[i, j, h] else 0.0))
+                else:
+                    cost = length * (ASTERN * ahead[i, j, h] + (ASTERN_UNSEEN if dark[i, j, h] else 0.0))
+            else:
+                g = (h + (1 if way == 2 else HEADINGS - 1)) % HEADINGS
+                cost = spin[i, j]
+            if price + cost < left[p, q, g]:
+                left[p, q, g] = price + cost
+                heapq.heappush(queue, (price + cost, np.int64((p * ny + q) * HEADINGS + g)))
+    return left

@@ -8,10 +8,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from behaviours.kernels_plan import SLACK
 from garbi_map.log.records import Floats
 
 INF = 1e6
-GLANCE = 4  # steps between those at which heading and view are judged
+GLANCE = 4  # steps between those at which the view is judged
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -24,30 +25,24 @@ def _at(chart, voxel, low, x, y, outside):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _smooth(chart, voxel, low, x, y):  # type: ignore[no-untyped-def]
-    """Bilinear in a chart of every second column, over those that can be reached; INF where none of the four can."""
-    a, b = 0.5 * (x / voxel - low[0] - 0.5), 0.5 * (y / voxel - low[1] - 0.5)
-    a, b = min(max(a, 0.0), chart.shape[0] - 1.001), min(max(b, 0.0), chart.shape[1] - 1.001)
-    i, j = int(a), int(b)
+def _left(guide, size, corner, x, y, heading):  # type: ignore[no-untyped-def]
+    """The guide (nx, ny, headings) at a place and heading, linear between those that can be; INF where none can."""
+    a, b = (x - corner[0]) / size - 0.5, (y - corner[1]) / size - 0.5
+    out = max(-a, 0.0) + max(a - guide.shape[0] + 1, 0.0) + max(-b, 0.0) + max(b - guide.shape[1] + 1, 0.0)
+    a, b = min(max(a, 0.0), guide.shape[0] - 1.001), min(max(b, 0.0), guide.shape[1] - 1.001)
+    headings = guide.shape[2]
+    c = (heading / (2 * math.pi) * headings) % headings
+    i, j, h = int(a), int(b), int(c)
     total, weight = 0.0, 0.0
     for p in range(2):
         for q in range(2):
-            value = chart[i + p, j + q]
-            if value < INF:
-                w = (1.0 - abs(a - i - p)) * (1.0 - abs(b - j - q)) + 1e-6
-                total += w * value
-                weight += w
-    return total / weight if weight > 0.0 else INF
-
-
-@njit(cache=True, nogil=True)
-def _aside(guide, voxel, low, x, y, cos, sin):  # type: ignore[no-untyped-def]
-    """0 where the heading follows the way down the guide, 2 where it is opposite."""
-    reach = 4 * voxel
-    east = _smooth(guide, voxel, low, x + reach, y) - _smooth(guide, voxel, low, x - reach, y)
-    north = _smooth(guide, voxel, low, x, y + reach) - _smooth(guide, voxel, low, x, y - reach)
-    slope = math.hypot(east, north)
-    return 1.0 + (cos * east + sin * north) / slope if 1e-6 < slope < 0.5 * INF else 0.0
+            for r in range(2):
+                value = guide[i + p, j + q, (h + r) % headings]
+                if value < INF:
+                    w = (1.0 - abs(a - i - p)) * (1.0 - abs(b - j - q)) * (1.0 - abs(c - h - r)) + 1e-6
+                    total += w * value
+                    weight += w
+    return total / weight + 2.0 * size * out if weight > 0.0 else INF
 
 
 @njit(cache=True, nogil=True)
@@ -80,6 +75,8 @@ def rehearse(
     wary: NDArray[np.float32],
     unseen: NDArray[np.float32],
     guide: Floats,
+    size: float,
+    corner: Floats,
     circles: Floats,
     radius: float,
     margins: Floats,
@@ -95,21 +92,22 @@ def rehearse(
     manoeuvres  (m, 6) surge, yaw, for how many s; surge and yaw for the rest; height to reach, m
     step, count, soon  s, number of steps, and of those in which the hull must not get into the unseen
     model       (4,) lag of surge s, of yaw s, of sway s, share of surge times yaw rate that becomes sway
-    heights ... see Charts; guide (n, nx / 2, ny / 2) m of way left, of every second column
+    heights, low, voxel, occupied, wary, unseen  see Charts
+    guide       (nx, ny, headings) m of way left, of cells of `size` m from `corner` (2,) m, odom, on
     circles     (k,) m along the hull, of discs of that radius that cover it
     margins     (3,) m: kept from the occupied, wished for beyond it, kept from what moves
     movers      (j, 7) place m, velocity m/s, odom, radius m
     look        (l, 2) columns whose state decides on the way, m, odom
     view        (4,) camera before base_link m, half angle rad, nearest and farthest m at which the whole hull's height shows
-    weights     (6,) of way left, obstacle, wish, unseen, heading, looking
+    weights     (5,) of way left, obstacle, wish, unseen, looking
     """
     total, glances = manoeuvres.shape[0], count // GLANCE
     price = np.zeros(total)
     parts = np.zeros((total, 4))
     for m in range(total):
         x, y, z, heading, surge, sway, rate = state
-        hit, wish, blind, least, mean, aside, seen = 0.0, 0.0, 0.0, INF, 0.0, 0.0, 0.0
-        layer, left, arrested = 0, INF, False
+        hit, wish, blind, least, mean, seen = 0.0, 0.0, 0.0, INF, 0.0, 0.0
+        layer, left, arrested, deep = 0, INF, False, 0.0
         for n in range(count):
             first = (n + 0.5) * step <= manoeuvres[m, 2]
             wanted_surge = manoeuvres[m, 0] if first else manoeuvres[m, 3]
@@ -141,23 +139,19 @@ def rehearse(
             hit += step * max(margins[0] - near, 0.0)
             wish += step * min(max(1.0 - (calm - margins[0]) / margins[1], 0.0), 1.5)
             if n < soon:  # farther on there is time for another look
-                blind += step * max(-dark, 0.0)
-            arrested = arrested or dark < -0.05  # what lies in the unseen is no way made
+                blind += step * (max(-dark - deep, 0.0) + 0.05 * max(-dark, 0.0))
+            if n == 0:
+                deep = max(-dark, SLACK)  # water may have carried it into the unseen already: not farther
+            arrested = arrested or -dark > deep + 0.05  # what lies in the unseen is no way made
             if not arrested or n == 0:
-                left = _smooth(guide[layer], voxel, low, x, y)
+                left = _left(guide, size, corner, x, y, heading)
             least = min(least, left)
             mean += left / count
             if n % GLANCE == GLANCE - 1:
-                aside += _aside(guide[layer], voxel, low, x, y, cos, sin) * min(least, 1.0)
                 seen += _share_in_view(look, x + cos * view[0], y + sin * view[0], cos, sin, view)
-        aside, seen = aside / glances, seen / glances
+        seen /= glances
         parts[m, 0], parts[m, 1], parts[m, 2], parts[m, 3] = least, hit, blind, seen
         price[m] = (
-            weights[0] * (least + mean)
-            + weights[1] * hit
-            + weights[2] * wish
-            + weights[3] * blind
-            + weights[4] * aside
-            - weights[5] * seen
+            weights[0] * (least + mean) + weights[1] * hit + weights[2] * wish + weights[3] * blind - weights[4] * seen
         )
     return price, parts

@@ -11,9 +11,10 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from behaviours.charts import LAYER, Charts, draw
-from behaviours.kernels_plan import cheapest, trace
+from behaviours.kernels_plan import cheapest, manoeuvring, trace
 from behaviours.kernels_rollout import rehearse
 from behaviours.moving import Mover
 from behaviours.settings import TravelSettings, Vehicle
@@ -24,9 +25,10 @@ from garbi_map.log.records import Floats
 CLIMB_PRICE = 2.0
 NEAR_PRICE, UNSEEN_PRICE = 1.5, 0.5
 TRIED_PRICE = 3.0
-BLIND_PRICE, BLIND = 3.0, 1.2  # what is unseen this near (m) does not come into view without backing off
+OUTSIDE = 1.5  # price of a metre beyond the charts
 STEP, COUNT, SOON = 0.5, 24, 13  # s, number of steps of a rehearsal, and of those that must stay in what was seen
-WEIGHTS = np.array([1.0, 20.0, 0.15, 12.0, 0.5, 3.0])  # way left, obstacle, wish, unseen, heading, looking
+WEIGHTS = np.array([1.0, 20.0, 0.15, 12.0, 2.0])  # way left, obstacle, wish, unseen, looking
+AROUND = 12  # cells of two columns to each side of the vehicle, in which its turning is planned
 LOOK_AHEAD, LOOK_MOST = 3.0, 60  # m of the way, columns
 PATIENCE = 5.0  # s in view, after which a column that is still unseen is hidden by something
 DISCS = np.array([-1.0, 0.0, 1.0])
@@ -58,9 +60,8 @@ class Planner:
 
     def plan(self, space: Space, pose: Pose, goal: Floats, current: Floats, movers: list[Mover]) -> Plan | None:
         """None: no way is known, not even through the unseen."""
-        middle = float(
-            goal[2] + LAYER * np.round((pose.position[2] - goal[2]) / LAYER)
-        )  # a lattice with the goal's height
+        # The heights are a lattice that holds the goal's.
+        middle = float(goal[2] + LAYER * np.round((pose.position[2] - goal[2]) / LAYER))
         charts = draw(space, pose, middle, self._settings)
         left, path = self._way(charts, pose, goal)
         if path is None:
@@ -69,14 +70,15 @@ class Planner:
         look = self._undecided(charts, path)
         self._remember(look, pose, view, charts.voxel)
         height = self._height(path)
+        guide, corner = self._guide(charts, pose, goal, height, left)
         manoeuvres = self._manoeuvres(float(pose.position[2]), height)
         state = np.array([*pose.position, pose.heading, pose.velocity[0], pose.velocity[1], pose.rate[2]])
         moving = np.array([[*one.at(pose.stamp_ns), *one.velocity, one.radius] for one in movers]).reshape(-1, 7)
         margins = np.array([self._settings.clearance, 0.4, 0.5])
         price, parts = rehearse(
             state, current, manoeuvres, STEP, COUNT, SOON, self._model, charts.heights, charts.low, charts.voxel,
-            charts.occupied, charts.wary, charts.unseen, left, self._circles, self._radius, margins, moving, look,
-            view, WEIGHTS,
+            charts.occupied, charts.wary, charts.unseen, guide, 2 * charts.voxel, corner,
+            self._circles, self._radius, margins, moving, look, view, WEIGHTS,
         )  # fmt: skip
         best = int(np.argmin(price))
         surge, yaw, _, _, _, rise = manoeuvres[best]
@@ -96,9 +98,8 @@ class Planner:
         n, i, j = charts.column(pose.position)
         own = np.array([n, i // 2, j // 2], np.int64)
         a, b = np.ogrid[: occupied.shape[1], : occupied.shape[2]]
-        near = np.hypot(a - own[1], b - own[2]) * 2 * charts.voxel < BLIND
         width = self._half[1] + 0.5 * charts.voxel
-        cost = 1.0 + np.where(near, BLIND_PRICE, UNSEEN_PRICE) * (unseen < width)
+        cost = 1.0 + UNSEEN_PRICE * (unseen < width)
         if self._looked:
             tried = np.array([key for key, seconds in self._looked.items() if seconds > PATIENCE], np.int64)
             tried = tried.reshape(-1, 2)
@@ -111,8 +112,16 @@ class Planner:
         around[np.isinf(around)] = 12.0  # the vehicle is here, however near: it has to get out
         n, i, j = charts.column(goal)
         target = np.array([n, i // 2, j // 2], np.int64)
+        begin = np.full(cost.shape, np.inf)
         cost[target[0], target[1], target[2]] = min(cost[target[0], target[1], target[2]], 12.0)
-        reached, parent = cheapest(cost.astype(np.float32), target, CLIMB_PRICE)
+        edge = np.zeros(cost.shape[1:], bool)
+        edge[[0, -1]], edge[:, [0, -1]] = True, True
+        if edge[target[1], target[2]]:  # the goal lies outside, or as good as
+            rest = np.hypot(*(self._middles(charts, a, b) - goal[:2, None, None])) / (2 * charts.voxel)
+            begin[:, edge] = OUTSIDE * rest[edge]
+        else:
+            begin[target[0], target[1], target[2]] = 0.0
+        reached, parent = cheapest(cost.astype(np.float32), begin, CLIMB_PRICE)
         left = np.where(np.isfinite(reached), reached * 2 * charts.voxel, 1e7)
         if not np.isfinite(reached[own[0], own[1], own[2]]):
             return left, None
@@ -121,6 +130,35 @@ class Planner:
         path[:, :2] = (charts.low + 2 * cells[:, 1:] + 0.5) * charts.voxel
         path[:, 2] = charts.heights[cells[:, 0]]
         return left, path
+
+    @staticmethod
+    def _middles(charts: Charts, i: NDArray[np.int64], j: NDArray[np.int64]) -> Floats:
+        """m, odom, of the columns from which cells of two are taken: (2, nx, ny)."""
+        east, north = np.broadcast_arrays(charts.low[0] + 2 * i + 0.5, charts.low[1] + 2 * j + 0.5)
+        return np.stack([east, north]) * charts.voxel
+
+    def _guide(self, charts: Charts, pose: Pose, goal: Floats, height: float, left: Floats) -> tuple[Floats, Floats]:
+        """m of way left (nx, ny, headings) about the vehicle, its turning included; and the corner (2,) m, odom."""
+        n, i, j = charts.column(np.array([*pose.position[:2], height]))
+        first = np.clip(np.array([i, j]) // 2 - AROUND, 0, np.array(left.shape[1:]) - 2 * AROUND)
+        cells = tuple(slice(f, f + 2 * AROUND) for f in first)
+        columns = tuple(slice(2 * f, 2 * f + 4 * AROUND) for f in first)
+        begin = np.full((2 * AROUND, 2 * AROUND), np.inf)
+        rest = np.where(left[n][cells] < 1e6, left[n][cells], np.inf)
+        for edge in (np.s_[0], np.s_[-1], np.s_[:, 0], np.s_[:, -1]):
+            begin[edge] = rest[edge]
+        _, i, j = charts.column(goal)
+        own = np.array([i, j]) // 2 - first
+        if (own > 0).all() and (own < 2 * AROUND - 1).all():
+            begin[own[0], own[1]] = rest[own[0], own[1]]
+        settings = self._settings
+        guide = manoeuvring(
+            begin, 2 * charts.voxel, np.ascontiguousarray(charts.occupied[n][columns]),
+            np.ascontiguousarray(charts.wary[n][columns]), np.ascontiguousarray(charts.unseen[n][columns]),
+            self._circles, self._radius, settings.clearance, NEAR_PRICE, UNSEEN_PRICE,
+        )  # fmt: skip
+        # A cell stands for the first of its two columns: its middle is half a column on.
+        return guide, (charts.low + 2 * first - 0.5) * charts.voxel
 
     def _undecided(self, charts: Charts, path: Floats) -> Floats:
         """(l, 2) m, odom: unseen columns that a hull on the way would meet, the first of them."""
