@@ -15,6 +15,7 @@ from tools.simulator.seabed import mover_centre
 from tools.trials.world import World
 
 STOP_ZONE = 0.8  # m before the bow
+REFILL_NS = 450_000_000  # between two drawings of the truth: as often as it is planned
 FIELD = 1.2  # m, reach of the repulsion
 
 
@@ -26,6 +27,7 @@ class Omniscient(Pilot):
         self._world, self._dive = world, dive
         self._start = dive.vehicle.position.copy()
         self._points = world.points() - self._start
+        self._filled_ns = 0
 
     def decide(self, seen: Seen) -> Decision:
         """With everything known."""
@@ -34,7 +36,9 @@ class Omniscient(Pilot):
         rate = np.array(self._dive.motion.rows[-1, 11:14])
         pose = Pose(seen.now_ns, vehicle.position - self._start, rotation, rotation.T @ vehicle.velocity, rate)
         self.space.be_at(pose)
-        self._fill(seen.now_ns)
+        if seen.now_ns - self._filled_ns >= REFILL_NS:
+            self._fill(seen.now_ns)
+            self._filled_ns = seen.now_ns
         return super().decide(Seen(seen.now_ns, pose, [], []))
 
     def _fill(self, now_ns: int) -> None:
