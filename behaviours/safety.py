@@ -113,17 +113,19 @@ class SafetyFilter:
             nearby.distance, nearby.normal, nearby.point, nearby.unknown, strict=True
         ):
             row, drift = _row(normal, point), max(float(normal[1] * pose.velocity[1]), 0.0)  # sway is taken as it is
+            what = "unseen space" if unknown else "an obstacle"
+            why = f"{what} {_where(normal, point)} at {max(float(distance), 0.0):.2f} m"
             if unknown:
-                margin = float(distance) - settings.clearance_unknown
-                # Where water carries the hull into the unseen, standing still does not help and turning may.
-                bound = relaxed = max(self.limit(margin) - drift, settings.nudge)
+                slow = self.limit(float(distance) - settings.clearance_unknown)
+                # Neither ahead nor up or down into it. But turning sweeps the corners only, and where water carries the
+                # hull into the unseen, turning may help and standing still does not.
+                found.append(Constraint(np.array([normal[0], normal[2], 0.0, 0.0]), slow, slow, why))
+                bound = relaxed = max(slow - drift, settings.nudge)
             else:
                 margin = float(distance) - settings.clearance
                 relaxed = self.limit(margin)
                 bound = relaxed if margin >= 0.0 else -min(settings.gain * -margin, settings.retreat)
                 bound -= drift
-            what = "unseen space" if unknown else "an obstacle"
-            why = f"{what} {_where(normal, point)} at {max(float(distance), 0.0):.2f} m"
             found.append(Constraint(row, bound, relaxed, why))
         return found
 

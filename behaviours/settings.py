@@ -78,9 +78,9 @@ class SafetySettings(Settings):
     """The barrier and what limits speed."""
 
     clearance: Positive = Field(0.3, description="kept between hull and obstacle, m")
-    clearance_unknown: NotNegative = Field(0.03, description="kept between hull and unseen space, m")
+    clearance_unknown: NotNegative = Field(0.0, description="kept between hull and unseen space, m")
     nudge: NotNegative = Field(
-        0.08, description="towards unseen space at the hull itself: stops within half a voxel, m/s"
+        0.08, description="of a corner into unseen space as the vehicle turns: it stops within half a voxel, m/s"
     )
     clearance_moving: Positive = Field(0.5, description="kept between hull and a moving obstacle, m")
     gain: Positive = Field(0.6, description="class-K gain of the barrier, 1/s")
