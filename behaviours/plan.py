@@ -27,9 +27,9 @@ NEAR_PRICE, UNSEEN_PRICE = 1.5, 0.5
 TRIED_PRICE = 3.0
 OUTSIDE = 1.5  # price of a metre beyond the charts
 STEP, COUNT, SOON = 0.5, 24, 13  # s, number of steps of a rehearsal, and of those that must stay in what was seen
-WEIGHTS = np.array([1.0, 20.0, 0.15, 12.0, 4.0])  # way left, obstacle, wish, unseen, looking
+WEIGHTS = np.array([1.0, 20.0, 0.15, 12.0, 6.0])  # way left, obstacle, wish, unseen, looking
 AROUND = 12  # cells of two columns to each side of the vehicle, in which its turning is planned
-LOOK_AHEAD, LOOK_MOST = 3.0, 60  # m of the way, columns
+LOOK_AHEAD, LOOK_MOST = 2.5, 60  # m of the way, columns
 PATIENCE = 5.0  # s in view, after which a column that is still unseen is hidden by something
 DISCS = np.array([-1.0, 0.0, 1.0])
 

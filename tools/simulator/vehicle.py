@@ -58,6 +58,7 @@ MODELS = {
         quadratic=np.array([141.0, 217.0, 190.0, 1.19, 0.47, 1.5]),
         restoring=5.0,  # assumed, as are arms, thrust and loops
         arms=np.array([0.17, 0.12]),
+        gains=np.array([[6.0, 6.0, 6.0, 8.0], [6.0, 6.0, 4.0, 8.0]]),
         limit=40.0,
         lag=0.1,
     ),
