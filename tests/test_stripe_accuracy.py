@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter, gaussian_filter1d
 
 from garbi_map.stripe import GateSettings, StripeDetector, StripeSettings
 from garbi_map.stripe.learn import LEAST_PIXELS
@@ -48,6 +49,7 @@ def test_clean_stripes_reach_the_single_row_bound(noise: int) -> None:
         ("backscatter 15 %, noise 5", 0.10),
         ("backscatter 15 %, noise 5, logistic", 0.10),
         ("backscatter 40 %, halo 30 %, noise 10", 0.30),
+        ("backscatter 40 %, halo 30 %, noise 10, logistic", 0.30),
     ],
 )
 def test_dirty_water_costs_little_and_sigma_says_so(name: str, allowed: float) -> None:
@@ -56,6 +58,39 @@ def test_dirty_water_costs_little_and_sigma_says_so(name: str, allowed: float) -
     assert rms(error) < allowed
     assert 0.8 < rms(error / sigma) < 1.25
     assert lost == 0
+
+
+@pytest.mark.parametrize("contrast", [0.15, 0.35, 0.6])
+def test_sigma_holds_the_texture_of_the_ground(contrast: float) -> None:
+    """A thin line on spotted ground, blurred by the lens: the spots move it by more than the noise does."""
+    rng = np.random.default_rng(20)
+    error, sigma = [], []
+    for seed in range(4):
+        true = true_columns(seed)
+        spots = gaussian_filter(rng.standard_normal((HEIGHT, 768)), 6.0)
+        albedo = np.exp(contrast * spots / spots.std())
+        line = np.exp(-0.5 * ((np.arange(768)[None, :] - true[:, None]) / 1.3) ** 2)
+        # The lens, without its mixing of rows, which moves a slanted stripe for another reason
+        stripe = StripeDetector(StripeSettings()).detect(
+            expose(gaussian_filter1d(line * albedo, 1.25) * 0.6, 2, seed), 0
+        )
+        error.append(stripe.u - true[stripe.row])
+        sigma.append(stripe.sigma)
+    off, stated = np.concatenate(error), np.concatenate(sigma)
+    assert 0.8 < rms(off / stated) < 1.25
+    assert rms(off) > 0.03
+
+
+def test_a_second_reflection_is_kept_as_a_candidate_only() -> None:
+    """Half as bright, beside the stripe all the way down."""
+    true = true_columns(21)
+    image = expose(light(true) + 0.5 * light(true + 37.0), 5, 22)
+    detector = StripeDetector(StripeSettings())
+    stripe = detector.detect(image, 0)
+    assert len(stripe.row) == HEIGHT
+    assert np.abs(stripe.u - true).max() < 0.5
+    candidates = detector.candidates(image).u
+    assert (np.isfinite(candidates).sum(axis=1) >= 2).mean() > 0.99
 
 
 def test_lit_water_on_either_side_is_the_same_but_for_its_sign() -> None:

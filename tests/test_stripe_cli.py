@@ -16,8 +16,10 @@ import yaml
 
 from garbi_map.cli import main
 from garbi_map.config import load_config
+from garbi_map.errors import GarbiError
 from garbi_map.log import Image, LogWriter
-from garbi_map.stripe import Stripe
+from garbi_map.stripe import ImageLosses, Stripe, StripeDetector, StripeSettings, decode
+from garbi_map.stripe.learn import learn_settings
 from garbi_map.stripe.table import write_stripes
 from tools.bench.stripe_images import CONDITIONS, HEIGHT, synthetic
 
@@ -91,6 +93,38 @@ def test_the_learnt_gate_is_a_configuration_that_finds_the_stripe(log: Path, tmp
     assert set(yaml.safe_load((tmp_path / "gate.yaml").read_text())["stripe"]) == {"laser", "gate"}
     run(log, "-o", tmp_path / "s.parquet", "--config", tmp_path / "gate.yaml")
     assert pq.read_metadata(tmp_path / "s.parquet").num_rows > 0.99 * 5 * HEIGHT
+
+
+@pytest.mark.parametrize(("laser", "channel", "hue"), [("red", 2, 349), ("blue", 0, 229)])
+def test_red_and_blue_lasers_are_learnt(laser: str, channel: int, hue: float) -> None:
+    """The green laser's images with channels exchanged: the channel is found, and the gate holds the hue."""
+    images = []
+    for seed in range(2):
+        pixels = synthetic(CONDITIONS[1], seed)[0]
+        turned = pixels.copy()
+        turned[:, :, [1, channel]] = pixels[:, :, [channel, 1]]
+        images.append(Image(seed, seed, "png", cv2.imencode(".png", turned)[1].tobytes()))
+    learnt = learn_settings(images, StripeSettings(), ImageLosses())
+    assert learnt.laser == laser
+    assert learnt.gate.hue is not None
+    low, high = learnt.gate.hue
+    assert (hue - low) % 360 < (high - low) % 360 < 90
+    detector = StripeDetector(learnt)
+    assert all(len(detector.detect(decode(image), 0).row) > 0.99 * HEIGHT for image in images)
+
+
+def test_a_mono_camera_needs_no_gate() -> None:
+    """One image is enough to see that."""
+    grey = synthetic(CONDITIONS[1], 0)[0][:, :, 1]
+    image = Image(0, 0, "png", cv2.imencode(".png", grey)[1].tobytes())
+    assert learn_settings([image], StripeSettings(), ImageLosses()).laser == "mono"
+
+
+def test_images_without_a_stripe_teach_nothing() -> None:
+    """One line says what to give instead."""
+    dark = Image(0, 0, "png", cv2.imencode(".png", np.zeros((HEIGHT, 768, 3), np.uint8))[1].tobytes())
+    with pytest.raises(GarbiError, match="no stripe to learn from"):
+        learn_settings([dark], StripeSettings(), ImageLosses())
 
 
 def test_nothing_to_do_is_wrong_usage(log: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +17,14 @@ from garbi_map.stripe.templates import templates
 from garbi_map.stripe.types import Stripe
 
 _CHANNELS = {"blue": 0, "green": 1, "red": 2, "mono": 0}
-_DOUBT = 0.12
+_DOUBT = 0.1
 """Share of the water's pull that stays unknown, as its end at the stripe may be softer or sharper than assumed."""
 _SPREADS = (0.7, 12.0)
 """Narrowest and widest stripe, 1 sigma, px."""
+_FINENESS = math.log(1.03)
+"""Templates are made for widths in steps of 3 %, so that there are few."""
+_STEP = math.radians(0.1)
+"""Windows are kept for ranges of the laser's angle this wide, as it comes by the same angles in every sweep."""
 _ROUNDING = 0.2887
 """1 sigma of rounding to whole grey levels."""
 
@@ -52,6 +57,8 @@ class StripeDetector:
         self.settings, self.rig = settings, rig
         self._table = gate_table(settings)
         self._channel = _CHANNELS[settings.laser]
+        self._whole = lru_cache(8)(lambda rows, columns: (np.zeros(rows), np.full(rows, columns - 1.0)))
+        self._between = lru_cache(1024)(self._between_steps)
 
     @property
     def image_size(self) -> tuple[int, int] | None:
@@ -72,48 +79,39 @@ class StripeDetector:
         rows, columns = image.shape[:2]
         channel = self._channel if image.shape[2] == 3 else 0
         first, last = self._window(rows, columns, alpha)
-        noise = float(kernels.noise_of(image, channel, max(rows // 64, 1)))
-        least = max(settings.least_contrast, settings.significance * noise)
-        shape = (rows, kernels.CANDIDATES)
-        place, width = np.empty(shape), np.empty(shape)
-        blocks = _blocks(image)
-        kernels.find_candidates(image, blocks, channel, self._table, BITS, first, last, 0.4 * least, place, width)
-        kernel = templates(settings.width or self._spread(image, channel, place, width))
-        u, gain, pull, rest, sigma = (np.zeros(shape) for _ in range(5))
-        saturated = np.zeros(shape, np.bool_)
-        kernels.refine(
+        place, least, noise, spread = kernels.search(
+            image, channel, self._table, BITS, first, last, settings.least_contrast, settings.significance, *_SPREADS
+        )
+        kernel = templates(settings.width or 1.03 ** round(math.log(spread) / _FINENESS))
+        u, sigma, gain, saturated, chosen = path_kernels.measure(
             image,
             channel,
             place,
-            kernel.slope,
-            kernel.curvature,
-            kernel.water,
-            kernel.rest,
+            kernel.tables,
+            kernel.gains,
             kernel.spread,
             least,
-            u,
-            gain,
-            pull,
-            rest,
-            saturated,
-        )
-        chosen = np.empty(rows, np.int64)
-        path_kernels.choose(u, gain, settings.largest_step, settings.least_run, chosen)
-        path_kernels.correct(
-            u, gain, pull, rest, chosen, max(noise, _ROUNDING), kernel.slope_gain, kernel.water_gain, _DOUBT, sigma
+            max(noise, _ROUNDING),
+            settings.largest_step,
+            settings.least_run,
+            _DOUBT,
         )
         return Candidates(u, sigma, gain, saturated, chosen, kernel.spread, noise)
 
-    def _spread(self, image: NDArray[np.uint8], channel: int, place: NDArray, width: NDArray) -> float:
-        """1 sigma of the stripe's profile, px, in steps of 3 %, so that few templates are ever made."""
-        spread = kernels.spread_of(image, channel, place, width, len(image) // 32 + 1, *_SPREADS)
-        return float(1.03 ** round(math.log(spread) / math.log(1.03)))
-
     def _window(self, rows: int, columns: int, alpha: float | None) -> tuple[NDArray, NDArray]:
+        """First and last column (h,) in which the stripe may be."""
+        if self.rig is None or alpha is None or not self.settings.window or not math.isfinite(alpha):
+            return self._whole(rows, columns)
+        return self._between(math.floor(alpha / _STEP))
+
+    def _between_steps(self, number: int) -> tuple[NDArray, NDArray]:
+        """The window of all angles from `number` to the next, in steps."""
         settings = self.settings
-        if self.rig is None or alpha is None or not settings.window or not math.isfinite(alpha):
-            return np.zeros(rows), np.full(rows, columns - 1.0)
-        first, last = self.rig.column_window(alpha, settings.min_range, settings.max_range)
+        assert self.rig is not None
+        edges = [
+            self.rig.column_window(_STEP * n, settings.min_range, settings.max_range) for n in (number, number + 1)
+        ]
+        first, last = np.minimum(edges[0][0], edges[1][0]), np.maximum(edges[0][1], edges[1][1])
         return first - settings.window_margin, last + settings.window_margin
 
     def _by_paper(self, image: NDArray[np.uint8], stamp_ns: int) -> Stripe:
@@ -135,10 +133,3 @@ class StripeDetector:
 
 def _planes(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.ascontiguousarray(image if image.ndim == 3 else image[:, :, None])
-
-
-def _blocks(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """The same pixels as (h, w // BLOCK, BLOCK c): what the search reads. Copied for odd widths only."""
-    rows, columns, depth = image.shape
-    count = columns // kernels.BLOCK
-    return np.ascontiguousarray(image[:, : count * kernels.BLOCK]).reshape(rows, count, kernels.BLOCK * depth)

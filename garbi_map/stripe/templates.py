@@ -38,6 +38,16 @@ class Templates:
     slope_gain: float
     water_gain: float
 
+    @property
+    def tables(self) -> tuple[NDArray[np.float32], ...]:
+        """slope, curvature, water, rest: as the compiled loops take them."""
+        return self.slope, self.curvature, self.water, self.rest
+
+    @property
+    def gains(self) -> tuple[float, float]:
+        """Those of slope and water."""
+        return self.slope_gain, self.water_gain
+
 
 @lru_cache(maxsize=256)
 def templates(spread: float) -> Templates:
@@ -91,7 +101,7 @@ def _basis(profiles: NDArray, worth: float) -> NDArray[np.float64]:
 def _background(t: NDArray, spread: float) -> NDArray[np.float64]:
     """What the water can look like at distances t (n,) px from the stripe: (m, n)."""
     edges = [ndtr(-t / (spread * softness)) for softness in (0.7, 0.85, 1.0, 1.2)]
-    edges.append(expit(-t / (0.85 * spread)))
+    edges += [expit(-t / (spread * softness)) for softness in (0.6, 0.75, 0.9, 1.05)]
     decays = [np.exp(-np.abs(t) / length) for length in (12.0, 25.0, 60.0)]
     left = [edge * decay for edge in edges for decay in decays]
     right = [(1.0 - edge) * decay for edge in edges for decay in decays]

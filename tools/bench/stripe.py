@@ -1,16 +1,19 @@
 """How well and how fast the stripe is found, beside other ways, on images whose truth is known and on real ones.
 
-    python -m tools.bench.stripe [DATA_FOLDER] [--images N]
+    python -m tools.bench.stripe [DATA_FOLDER] [--images N] [--no-murky]
 
-The data folder holds dives/*, etna/ and b33boy/; by default shared/data beside this checkout.
+The data folder holds dives/*, etna/ and b33boy/; by default shared/data beside this checkout. A dive in murky water is
+simulated on the way.
 """
 
 from __future__ import annotations
 
 import argparse
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from itertools import islice
 from pathlib import Path
 
@@ -26,17 +29,20 @@ from garbi_map.stripe import Stripe, StripeDetector, StripeSettings, decode, det
 from garbi_map.sweep import laser_angle
 from garbi_map.sweep.settings import SweepSettings
 from tools.bench.stripe_baselines import BASELINES
-from tools.bench.stripe_dives import rig_of, true_stripes
+from tools.bench.stripe_dives import rig_of, simulated, true_stripes
 from tools.bench.stripe_images import AMPLITUDE, CONDITIONS, HEIGHT, SPREAD, synthetic
 
-console = Console()
+console = Console(width=max(Console().width, 170))
+
+RANGES = (0.8, 2.5)
+"""m: what there is to see in a muddy lake; the window is narrower than that of the default ranges."""
 
 
 def accuracy(images: int) -> Table:
     """The table of conditions."""
     table = Table(title="Synthetic stripes, px", title_justify="left")
     for heading in ("condition", "method", "rms", "bias", "noise", "lost %", "rms(error/sigma)", "single-row bound"):
-        table.add_column(heading, justify="left" if heading in ("condition", "method") else "right")
+        table.add_column(heading, justify="left" if heading in ("condition", "method") else "right", no_wrap=True)
     detector = StripeDetector(StripeSettings())
     for condition in CONDITIONS:
         scenes = [synthetic(condition, seed) for seed in range(images)]
@@ -66,22 +72,34 @@ def _rms(values: NDArray) -> str:
 def speed(dive: Path) -> Table:
     """One thread, an image of a dive and a synthetic one, beside OpenCV's chain in the same run."""
     cv2.setNumThreads(1)
-    table = Table(title="Speed, 768 x 576, one thread", title_justify="left")
-    for heading in ("image", "what", "ms", "images/s", "of OpenCV's time"):
+    table = Table(title="Speed, 768 x 576, one thread, processor time", title_justify="left")
+    for heading in ("image", "what", "columns", "ms", "images/s", "of OpenCV's time", "of that without a window"):
         table.add_column(heading, justify="left" if heading in ("image", "what") else "right")
     true = next(islice(true_stripes(dive, 400), 1, 2))
-    detector = StripeDetector(StripeSettings(), rig_of(dive))
-    recorded = decode(true.image)
+    rig, recorded = rig_of(dive), decode(true.image)
+    near, far = RANGES
+    detector = StripeDetector(StripeSettings(), rig)
+    narrow = StripeDetector(StripeSettings(min_range=near, max_range=far), rig)
     for name, image in (("synthetic", synthetic(CONDITIONS[1], 0)[0]), (dive.name, recorded)):
         works: dict[str, Callable[[], object]] = {
             "OpenCV: HLS, inRange, moments": lambda image=image: _opencv(image),  # type: ignore[misc]
             "this, no window": lambda image=image: detector.detect(image, 0),  # type: ignore[misc]
         }
+        widths = ["", str(image.shape[1])]
         if image is recorded:
-            works["this, window"] = lambda: detector.detect(recorded, 0, true.alpha)
-        seconds = _alternating(list(works.values()))
-        for what, best in zip(works, seconds, strict=True):
-            table.add_row(name, what, f"{1e3 * best:.3f}", f"{1 / best:.0f}", f"{best / seconds[0]:.2f}")
+            for each in (detector, narrow):
+                least, most = each.settings.min_range, each.settings.max_range
+                works[f"this, window {least:g} to {most:g} m"] = lambda each=each: each.detect(recorded, 0, true.alpha)  # type: ignore[misc]
+                first, last = rig.column_window(true.alpha, least, most)
+                widths.append(f"{np.mean(last - first):.0f}")
+        # The processor's caches hold the image as they would after decoding, and nothing of the work before
+        fresh = partial(np.copyto, image, image.copy())
+        decoded = partial(decode, true.image)
+        seconds = _alternating(list(works.values()), clock=time.thread_time, before=lambda: (decoded(), fresh()))  # noqa: B023
+        for what, width, times in zip(works, widths, seconds, strict=True):
+            took, ours = float(np.median(times)), f"{np.median(times / seconds[1]):.2f}" if width else ""
+            share = f"{np.median(times / seconds[0]):.2f}"
+            table.add_row(name, what, width, f"{1e3 * took:.3f}", f"{1 / took:.0f}", share, ours)
     return table
 
 
@@ -90,16 +108,23 @@ def _opencv(image: NDArray[np.uint8]) -> object:
     return cv2.moments(cv2.inRange(hls, (45, 15, 60), (90, 255, 255)), True)
 
 
-def _alternating(works: list[Callable[[], object]], rounds: int = 80) -> list[float]:
-    """Median seconds of each, taken in turns so that a busy machine is as unkind to all."""
-    taken: list[list[float]] = [[] for _ in works]
-    for turn in range(rounds + 3):
-        for work, times in zip(works, taken, strict=True):
-            begin = time.perf_counter()
+def _alternating(
+    works: list[Callable[[], object]],
+    rounds: int = 80,
+    clock: Callable[[], float] = time.perf_counter,
+    before: Callable[[], object] = lambda: None,
+) -> NDArray[np.float64]:
+    """Seconds (works, rounds) of each, taken in turns so that a busy machine is as unkind to all; `before` each comes
+    something that does not count."""
+    taken = np.empty((len(works), rounds))
+    for turn in range(-3, rounds):
+        for number, work in enumerate(works):
+            before()
+            begin = clock()
             work()
-            if turn >= 3:
-                times.append(time.perf_counter() - begin)
-    return [float(np.median(times)) for times in taken]
+            if turn >= 0:
+                taken[number, turn] = clock() - begin
+    return taken
 
 
 def whole_log(dive: Path, images: int = 400) -> Table:
@@ -123,7 +148,7 @@ def whole_log(dive: Path, images: int = 400) -> Table:
     table = Table(title=f"{images} images of {dive.name}", title_justify="left")
     for heading in ("what", "s", "of decoding on 1 thread", "processor s", "processor s per thread, of decoding"):
         table.add_column(heading, justify="left" if heading == "what" else "right")
-    seconds = _alternating(list(works.values()), 3)
+    seconds = np.median(_alternating(list(works.values()), 3), axis=1)
     used = []
     for work in works.values():
         begin = time.process_time()
@@ -135,15 +160,15 @@ def whole_log(dive: Path, images: int = 400) -> Table:
     return table
 
 
-def dives(folder: Path) -> Table:
+def dives(folders: list[Path], every: int = 25) -> Table:
     """Rows of recorded dives against the projection of the true surface."""
-    table = Table(title="Dives: every 25th image against the true surface", title_justify="left")
+    table = Table(title=f"Dives: every {every}th image against the true surface", title_justify="left")
     for heading in ("dive", "rows", "found %", "beyond 3 px %", "median error", "rms below 0.5 px", "rms(error/sigma)"):
         table.add_column(heading, justify="left" if heading == "dive" else "right")
-    for dive in sorted(path for path in folder.iterdir() if (path / "truth_seabed.ply").exists()):
+    for dive in folders:
         detector = StripeDetector(StripeSettings(), rig_of(dive))
         error, sigma, rows = [], [], 0
-        for true in true_stripes(dive, 25):
+        for true in true_stripes(dive, every):
             inside = (true.row >= 0) & (true.row < rig_of(dive).camera.height)
             row, u = true.row[inside], true.u[inside]
             rows += len(np.unique(row))
@@ -229,14 +254,19 @@ def main() -> None:
     default = next((folder for folder in beside if folder.is_dir()), None)
     parser.add_argument("data", type=Path, nargs="?", default=default)
     parser.add_argument("--images", type=int, default=6, help="synthetic images per condition")
+    parser.add_argument("--no-murky", action="store_true", help="do not simulate a dive in murky water")
     given = parser.parse_args()
     console.print(accuracy(given.images))
+    if not given.no_murky:
+        with tempfile.TemporaryDirectory() as folder:
+            console.print(dives([simulated("murky", 5.0, Path(folder))], 5))
     if given.data is None:
         console.print("no data folder: the synthetic table alone")
         return
     console.print(speed(given.data / "dives" / "drift"))
     console.print(whole_log(given.data / "dives" / "drift"))
-    console.print(dives(given.data / "dives"))
+    recorded = (path for path in (given.data / "dives").iterdir() if (path / "truth_seabed.ply").exists())
+    console.print(dives(sorted(recorded)))
     console.print(real(given.data))
 
 

@@ -40,6 +40,21 @@ def rig_of(dive: Path) -> Rig:
     return parse_rig((dive / "rig.yaml").read_text(), str(dive / "rig.yaml"))
 
 
+def simulated(name: str, seconds: float, folder: Path) -> Path:
+    """A dive's folder with the first seconds of one of the simulator's scenarios, in `folder`."""
+    from tools.simulator.dive import Dive
+    from tools.simulator.record import write_log, write_truth
+    from tools.simulator.scenario import load_scenario
+
+    scenario = load_scenario(Path(__file__).parents[1] / "simulator" / "scenarios" / f"{name}.yaml")
+    dive = Dive(scenario.model_copy(update={"duration": seconds})).fly()
+    place = folder / name
+    place.mkdir()
+    write_log(dive, place / "dive.mcap", 1, None)
+    write_truth(dive, place)
+    return place
+
+
 def true_stripes(dive: Path, every: int) -> Iterator[TrueStripe]:
     """Every so many-th image of a dive's folder with its true stripe."""
     import open3d as o3d
