@@ -50,7 +50,7 @@ def draw(space: Space, pose: Pose, middle: float, settings: TravelSettings) -> C
     What was hit once may move: the longer ago that was, the nearer it may have come."""
     voxel = space.voxel
     count = 2 * round(settings.band / LAYER) + 1
-    heights = middle + LAYER * (np.arange(count) - count // 2)
+    heights = np.array([middle + LAYER * (n - count // 2) for n in range(count)])
     low = np.floor(pose.position[:2] / voxel).astype(np.int64) - round(REACH / voxel)
     occupied, unseen, hit_ms = kernels_charts.chart(
         heights, float(space.half[2]), ABOVE_AND_BELOW, low, 2 * round(REACH / voxel), voxel, space.low, space.shape,

@@ -30,10 +30,10 @@ def cheapest(cost: NDArray[np.float32], begin: Floats, climb: float) -> tuple[Fl
     parent = np.full((layers, nx, ny), -1, np.int64)
     done = np.zeros((layers, nx, ny), np.bool_)
     queue = [(0.0, np.int64(-1))]
-    for cell in range(layers * nx * ny):
-        price = begin[cell // (nx * ny), (cell // ny) % nx, cell % ny]
+    for first in range(layers * nx * ny):
+        price = begin[first // (nx * ny), (first // ny) % nx, first % ny]
         if price < np.inf:
-            heapq.heappush(queue, (price, np.int64(cell)))
+            heapq.heappush(queue, (price, np.int64(first)))
     while len(queue) > 0:
         price, cell = heapq.heappop(queue)
         if cell < 0:
@@ -134,7 +134,7 @@ def manoeuvring(
         price, place = heapq.heappop(queue)
         if place < 0:
             continue
-        i, j, h = place // HEADINGS // ny, (place // HEADINGS) % ny, place % HEADINGS
+        i, j, h = int(place // HEADINGS // ny), int((place // HEADINGS) % ny), int(place % HEADINGS)
         if price > left[i, j, h]:
             continue
         length = size * math.sqrt(float(STEP_X[h] ** 2 + STEP_Y[h] ** 2))

@@ -134,7 +134,8 @@ def fly(
     world, kind, goal = make_world(seed)
     if controller in ("omniscient", "none"):
         level = "blind"
-    dive = world.make(water_of(seed, model), plain=level != "images")
+    scenario = water_of(seed, model)
+    dive = world.make(scenario) if level == "images" else world.make_plain(scenario)
     silent = float(np.random.default_rng([seed, 79]).uniform(5.0, 25.0))
     settings = settings or BehaviourSettings()
     settings = settings.model_copy(update={"travel": TravelSettings(goal=goal), "vehicle": VEHICLES[model]})

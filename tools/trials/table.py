@@ -81,10 +81,10 @@ def draw(outcomes: Iterable[Outcome], path: Path) -> None:
     found = judge(outcomes)
     width, height, left, gap = 760, 20, 170, 6
     parts, y = [], 40
-    for name, x in zip(COLOURS, (170, 300, 430, 580), strict=True):
-        parts.append(f'<rect x="{x}" y="12" width="12" height="12" fill="{COLOURS[name]}"/>')
+    for name, at in zip(COLOURS, (170, 300, 430, 580), strict=True):
+        parts.append(f'<rect x="{at}" y="12" width="12" height="12" fill="{COLOURS[name]}"/>')
         words = name if name in ("reached", "neither") else f"collided, {name}"
-        parts.append(f'<text x="{x + 17}" y="22">{words}</text>')
+        parts.append(f'<text x="{at + 17}" y="22">{words}</text>')
     for controller in CONTROLLERS:
         for kind in (*KINDS, "all"):
             row = found.get((controller, kind))

@@ -92,12 +92,15 @@ class World:
     still: list[Block | Rod] = field(default_factory=list)
     movers: tuple[Mover, ...] = ()
 
-    def make(self, scenario: Scenario, plain: bool = False) -> Dive:
-        """A dive in this world; plain: for profiles only, see PlainScene."""
+    def make_plain(self, scenario: Scenario) -> Dive:
+        """A dive in this world for profiles only, see PlainScene."""
         dive = Dive(scenario)
-        if plain:
-            dive.scene = PlainScene(dive.scene, self.still, self.movers)
-            return dive
+        dive.scene = PlainScene(dive.scene, self.still, self.movers)
+        return dive
+
+    def make(self, scenario: Scenario) -> Dive:
+        """A dive in this world."""
+        dive = Dive(scenario)
         parts = [dive.scene.mesh, *(one.mesh() for one in self.still)]
         dive.scene = Scene(shapes.merged(parts), dive.scene.texture, self.movers)
         return dive
