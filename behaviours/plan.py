@@ -30,6 +30,7 @@ STEP, COUNT, SOON = 0.5, 24, 13  # s, number of steps of a rehearsal, and of tho
 WEIGHTS = np.array([1.0, 20.0, 0.15, 12.0, 6.0])  # way left, obstacle, wish, unseen, looking
 AROUND = 12  # cells of two columns to each side of the vehicle, in which its turning is planned
 LOOK_AHEAD, LOOK_MOST = 2.5, 60  # m of the way, columns
+LOOKED_MOST = 20_000  # columns that are remembered
 PATIENCE = 5.0  # s in view, after which a column that is still unseen is hidden by something
 DISCS = np.array([-1.0, 0.0, 1.0])
 
@@ -191,6 +192,8 @@ class Planner:
 
     def _remember(self, look: Floats, pose: Pose, view: Floats, voxel: float) -> None:
         """For how long each column has been in view without becoming known."""
+        if len(self._looked) > LOOKED_MOST:
+            self._looked.clear()
         away = (look - pose.position[:2]) @ np.array(
             [[np.cos(pose.heading), -np.sin(pose.heading)], [np.sin(pose.heading), np.cos(pose.heading)]]
         ) - [view[0], 0.0]
