@@ -41,6 +41,7 @@ types: setup
 
 bench: setup
 	@$(BIN)/python -m tools.bench.map
+	@$(BIN)/python -m tools.bench.drift --keep out/bench
 
 clean:
 	rm -rf $(VENV) out build *.egg-info

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
+from behaviours.moving import Mover
 from behaviours.types import AXES, Command, Pose, Proposal
 from garbi_map.log import LogWriter
+from garbi_map.log.records import Floats
 
 OK, WARN, ERROR, STALE = 0, 1, 2, 3
 COMMAND, DECISIONS, VERDICT = "/behaviours/command", "/behaviours/decisions", "/behaviours/verdict"
+SAFE_SET, VOLUME, TF = "/behaviours/safe_set", "/behaviours/volume", "/tf"
 
 
 @dataclass(frozen=True)
@@ -26,6 +31,8 @@ class Decision:
     troubles   what was wrong with the input
     obstacle   m from the bow to what the newest profiles show in its way, inf: they show nothing
     view       what is known of the water ahead, in words
+    movers     what moves;  allowed: see `behaviours.safety.Filtered`
+    volume     now and then: occupied (n, 3) and some of the free (m, 3) voxels, m in odom
     """
 
     now_ns: int
@@ -40,6 +47,9 @@ class Decision:
     troubles: list[str]
     obstacle: float
     view: str
+    movers: Sequence[Mover] = ()
+    allowed: Floats | None = None
+    volume: tuple[Floats, Floats] | None = None
 
     def proposal(self, name: str) -> Proposal | None:
         """What the behaviour of that name proposed."""
@@ -73,26 +83,8 @@ class DecisionWriter:
     def write(self, decision: Decision) -> None:
         """One tick: the command and everything that led to it."""
         self._write_command(decision)
-        statuses = [
-            self._status(
-                WARN if decision.troubles else OK,
-                "feed",
-                "; ".join(decision.troubles) or "all well",
-                {"view": decision.view, "obstacle": _number(decision.obstacle), **_pose(decision.pose)},
-            )
-        ]
-        for one in decision.proposals:
-            values = {"activation": _number(one.activation), "priority": str(one.priority), "axes": " ".join(one.axes)}
-            values |= {key: _number(value) for key, value in one.facts.items()}
-            statuses.append(self._status(OK, f"behaviour/{one.name}", one.reason, values | _values(one.command)))
-        statuses.append(
-            self._status(OK, "coordinator", decision.merging, {"winner": decision.winner, **_values(decision.merged)})
-        )
-        changes = "; ".join(decision.changes)
-        statuses.append(
-            self._status(WARN if changes else OK, "safety", changes or "nothing to change", _values(decision.command))
-        )
-        self._write_array(DECISIONS, decision.now_ns, statuses)
+        self._write_array(DECISIONS, decision.now_ns, [self._status(*part) for part in parts(decision)])
+        self._write_scene(decision)
 
     def write_verdict(self, now_ns: int, lines: list[tuple[str, str, str]]) -> None:
         """(expectation, what became of it: held, failed, no encounter; in words)."""
@@ -116,6 +108,46 @@ class DecisionWriter:
         )
         self._log.write(COMMAND, "geometry_msgs/msg/TwistStamped", message, decision.now_ns)
 
+    def _write_scene(self, decision: Decision) -> None:
+        """What was known of the surroundings, for whoever looks at the decision."""
+        now = decision.now_ns
+        if decision.pose is not None:
+            turn = Rotation.from_matrix(decision.pose.rotation).as_quat()
+            self._log.write_odometry(now, decision.pose.position, turn)
+            self._log.write(TF, "tf2_msgs/msg/TFMessage", self._transform(now, decision.pose.position, turn), now)
+        if decision.allowed is not None:
+            dimension = self._make["std_msgs/msg/MultiArrayDimension"](label="row bound", size=5, stride=5)
+            layout = self._make["std_msgs/msg/MultiArrayLayout"](dim=[dimension], data_offset=0)
+            message = self._make["std_msgs/msg/Float64MultiArray"](layout=layout, data=decision.allowed.ravel())
+            self._log.write(SAFE_SET, "std_msgs/msg/Float64MultiArray", message, now)
+        if decision.volume is not None:
+            self._log.write(VOLUME, "sensor_msgs/msg/PointCloud2", self._cloud(now, *decision.volume), now)
+
+    def _transform(self, now_ns: int, position: Floats, turn: Floats) -> Any:
+        """The pose again, as viewers that know nothing of us want it."""
+        x, y, z = (float(value) for value in position)
+        a, b, c, d = (float(value) for value in turn)
+        transform = self._make["geometry_msgs/msg/Transform"](
+            translation=self._make["geometry_msgs/msg/Vector3"](x=x, y=y, z=z),
+            rotation=self._make["geometry_msgs/msg/Quaternion"](x=a, y=b, z=c, w=d),
+        )
+        stamped = self._make["geometry_msgs/msg/TransformStamped"](
+            header=self._log.header(now_ns, "odom"), child_frame_id="base_link", transform=transform
+        )
+        return self._make["tf2_msgs/msg/TFMessage"](transforms=[stamped])
+
+    def _cloud(self, now_ns: int, occupied: Floats, free: Floats) -> Any:
+        states = np.r_[np.ones(len(occupied)), np.zeros(len(free))]
+        points = np.c_[np.r_[occupied, free], states].astype(np.float32)
+        fields = [
+            self._make["sensor_msgs/msg/PointField"](name=name, offset=4 * k, datatype=7, count=1)
+            for k, name in enumerate(("x", "y", "z", "occupied"))
+        ]
+        return self._make["sensor_msgs/msg/PointCloud2"](
+            header=self._log.header(now_ns, "odom"), height=1, width=len(points), fields=fields, is_bigendian=False,
+            point_step=16, row_step=16 * len(points), data=np.frombuffer(points.tobytes(), np.uint8), is_dense=True,
+        )  # fmt: skip
+
     def _status(self, level: int, name: str, message: str, values: dict[str, str]) -> Any:
         pairs = [self._make["diagnostic_msgs/msg/KeyValue"](key=key, value=value) for key, value in values.items()]
         return self._make["diagnostic_msgs/msg/DiagnosticStatus"](
@@ -127,6 +159,23 @@ class DecisionWriter:
             header=self._log.header(now_ns, "base_link"), status=statuses
         )
         self._log.write(topic, "diagnostic_msgs/msg/DiagnosticArray", message, now_ns)
+
+
+def parts(decision: Decision) -> Iterator[tuple[int, str, str, dict[str, str]]]:
+    """What each part had to say: level, name, words, figures."""
+    feed = {"view": decision.view, "obstacle": _number(decision.obstacle), **_pose(decision.pose)}
+    yield WARN if decision.troubles else OK, "feed", "; ".join(decision.troubles) or "all well", feed
+    for one in decision.proposals:
+        values = {"activation": _number(one.activation), "priority": str(one.priority), "axes": " ".join(one.axes)}
+        values |= {key: _number(value) for key, value in one.facts.items()}
+        yield OK, f"behaviour/{one.name}", one.reason, values | _values(one.command)
+    yield OK, "coordinator", decision.merging, {"winner": decision.winner, **_values(decision.merged)}
+    changes = "; ".join(decision.changes)
+    yield WARN if changes else OK, "safety", changes or "nothing to change", _values(decision.command)
+    for mover in decision.movers:
+        place = [*mover.at(decision.now_ns), *mover.velocity, mover.radius]
+        figures = dict(zip(("x", "y", "z", "vx", "vy", "vz", "radius"), map(_number, place), strict=True))
+        yield WARN, f"moving/{mover.number}", f"seen in {mover.passes} passes", figures
 
 
 def _number(value: float) -> str:

@@ -24,6 +24,7 @@ from garbi_map.log.records import Floats, Mount
 from garbi_map.rig import Rig
 
 LOOK = 3.0  # m before the bow
+DRAWN_NS = 1_000_000_000  # between two pictures of the volume
 
 
 class Behaviour(Protocol):
@@ -55,6 +56,7 @@ class Pilot:
         if settings.hold:
             self.behaviours.append(Stabilisation(settings.hold, mount.translation))
         self._half = np.array(settings.vehicle.hull) / 2
+        self._drawn_ns = -DRAWN_NS
 
     def decide(self, seen: Seen) -> Decision:
         """The command of this moment, and why."""
@@ -90,7 +92,17 @@ class Pilot:
             situation.troubles,
             self._obstacle(seen),
             view,
+            situation.movers,
+            safe.allowed,
+            self._snapshot(seen.now_ns),
         )
+
+    def _snapshot(self, now_ns: int) -> tuple[Floats, Floats] | None:
+        """The volume, once a second."""
+        if now_ns - self._drawn_ns < DRAWN_NS:
+            return None
+        self._drawn_ns = now_ns
+        return self.space.snapshot()
 
     def _situation(self, seen: Seen, pose: Pose) -> Situation:
         troubles = list(seen.troubles)

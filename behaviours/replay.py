@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from behaviours.decisions import Decision, DecisionWriter
@@ -60,19 +60,32 @@ def decide_all(feed: LogFeed, plan: Plan) -> Iterator[Decision]:
 
 
 def replay(
-    log: Log, plan: Plan, config: Config, output: Path | None, rig: Rig | None = None, workers: int = 2
+    log: Log,
+    plan: Plan,
+    config: Config,
+    output: Path | None,
+    rig: Rig | None = None,
+    workers: int = 2,
+    show: Callable[[Decision], None] = lambda _: None,
 ) -> Replayed:
-    """Decide along the log; write the decisions to `output`, where one is given."""
+    """Decide along the log; write the decisions to `output`, where one is given; `show` is given each as it is made."""
     feed = LogFeed(log, plan.behaviours.feed, config.stripe, rig, workers)
     decisions: list[Decision] = []
+
+    def decided() -> Iterator[Decision]:
+        for decision in decide_all(feed, plan):
+            yield decision
+            show(decision)
+            decisions.append(replace(decision, movers=(), allowed=None, volume=None))  # hours of them are kept
+
     if output is None:
-        decisions = list(decide_all(feed, plan))
+        for _ in decided():
+            pass
         verdicts = plan.judge(decisions)
     else:
         with DecisionWriter(output) as writer:
             writer.write_metadata("garbi.behaviours", {"json": plan.model_dump_json()})
-            for decision in decide_all(feed, plan):
-                decisions.append(decision)
+            for decision in decided():
                 writer.write(decision)
             verdicts = plan.judge(decisions)
             writer.write_verdict(decisions[-1].now_ns, verdicts)

@@ -28,11 +28,15 @@ NOTICEABLE = 0.005
 
 @dataclass(frozen=True)
 class Filtered:
-    """The command that is safe, and in words what was changed and because of what."""
+    """The command that is safe, and in words what was changed and because of what.
+
+    allowed    (k, 5): allowed[:, :4] . command <= allowed[:, 4] is what every safe command satisfies
+    """
 
     command: Command
     changes: list[str]
     braked: bool
+    allowed: Floats
 
 
 @dataclass(frozen=True)
@@ -68,14 +72,17 @@ class SafetyFilter:
         rows = np.array([one.row for one in constraints]).reshape(-1, 4)
         start = np.clip(wanted.array(), low, high)
         strict = np.array([one.bound for one in constraints])
+        bounds = strict
         command, met = project(start, rows, strict, low, high, WEIGHT)
         if not met:  # what cannot be had together gives way: never closer, even if not farther
-            relaxed = np.array([one.relaxed for one in constraints])
-            command, met = project(start, rows, relaxed, low, high, WEIGHT)
+            bounds = np.array([one.relaxed for one in constraints])
+            command, met = project(start, rows, bounds, low, high, WEIGHT)
             if not met:
                 command = np.zeros(4)
         return Filtered(
-            Command.of(command), *self._explain(wanted.array(), start, command, constraints, why_slow, fastest)
+            Command.of(command),
+            *self._explain(wanted.array(), start, command, constraints, why_slow, fastest),
+            np.c_[np.r_[rows, np.eye(4), -np.eye(4)], np.r_[bounds, high, -low]],
         )
 
     def speed_limit(self, corridor: Corridor, troubles: list[str]) -> tuple[float, str]:

@@ -209,6 +209,17 @@ class Space:
         )  # fmt: skip
         return Nearby(found[:, 0], found[:, 1:4], found[:, 4:7], kinds == kernels.UNKNOWN)
 
+    def snapshot(self) -> tuple[Floats, Floats]:
+        """Centres (n, 3) of the occupied voxels and (m, 3) of every eighth free one, m in odom."""
+        occupied = self.layers[3] >= self.settings.hits
+        free = (self.layers[0] != kernels.NEVER) & ~occupied
+        kept = [
+            np.mod(np.mod(np.arange(n) - low, n) + low, 2) == 0 for n, low in zip(self.shape, self.low, strict=True)
+        ]
+        free &= kept[0][:, None, None] & kept[1][None, :, None] & kept[2][None, None, :]
+        found = [self.low + np.mod(np.argwhere(layer) - self.low, self.shape) for layer in (occupied, free)]
+        return (found[0] + 0.5) * self.voxel, (found[1] + 0.5) * self.voxel
+
     def corridor(self, pose: Pose, reach: float) -> Corridor:
         """What lies before the bow, on the way that the vehicle makes over ground."""
         slide = float(np.clip(pose.velocity[1] / max(pose.velocity[0], 0.1), -1.0, 1.0))

@@ -1,7 +1,8 @@
-"""A file is complete or absent."""
+"""A file is complete or absent, and a folder is written by one process at a time."""
 
 from __future__ import annotations
 
+import fcntl
 import os
 import re
 from collections.abc import Iterator
@@ -27,6 +28,26 @@ def written_aside(path: Path) -> Iterator[Path]:
         raise GarbiError(f"{path}: cannot be written: {error.strerror or error}") from error
     finally:
         aside.unlink(missing_ok=True)
+
+
+@contextmanager
+def alone_in(folder: Path) -> Iterator[None]:
+    """Holds a lock on a folder, which ends with the process however that ends, and leaves no file.
+
+    Raises GarbiError where another process holds it. File systems without locks on folders lock nothing.
+    """
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        os.close(handle)
+        raise GarbiError(f"{folder}: another garbi is writing there; wait for it or choose another folder") from error
+    except OSError:
+        pass
+    try:
+        yield
+    finally:
+        os.close(handle)
 
 
 def remove_leftovers(folder: Path) -> None:

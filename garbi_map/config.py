@@ -7,6 +7,7 @@ from pathlib import Path
 import yaml
 from pydantic import ValidationError
 
+from garbi_map.calibrate.settings import CalibrateSettings
 from garbi_map.errors import GarbiError
 from garbi_map.export.settings import ExportSettings
 from garbi_map.log.settings import LogSettings
@@ -30,6 +31,7 @@ class Config(Settings):
     seabed: SeabedSettings = SeabedSettings()
     export: ExportSettings = ExportSettings()
     view: ViewSettings = ViewSettings()
+    calibrate: CalibrateSettings = CalibrateSettings()
 
     def to_yaml(self) -> str:
         """The whole configuration, defaults included."""

@@ -11,6 +11,7 @@ from garbi_map.navigate import NavigationResult
 from garbi_map.register import Registered
 from garbi_map.rig import Rig
 from garbi_map.seabed import Seabed, SeabedBuilder
+from garbi_map.sweep import Angle, laser_angle
 
 
 @dataclass
@@ -25,6 +26,11 @@ class Dive:
     span_ns: tuple[int | None, int | None] = (None, None)
     losses: list[str] = field(default_factory=list)
     timings: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def angle(self) -> Angle:
+        """The laser's angle at any moment."""
+        return laser_angle(self.navigation.encoder, self.rig, self.config.sweep)
 
     @property
     def left_out(self) -> list[str]:

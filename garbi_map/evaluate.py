@@ -18,6 +18,7 @@ from garbi_map.navigate.trajectory import Trajectory
 
 ARM = 1.4  # m; an attitude error of one degree counts as 2.5 cm in the alignment: what it does at the bottom
 GATES = (0.1, 0.03, 0.03, 0.015, 0.015, 0.015)  # m; points farther from the surface do not take part in a round
+LEAST = 0.02  # of the points must be that near, or a round of the alignment is left out: a few fit anything
 SAMPLE = 200_000  # points of the cloud that are measured
 FAR = 0.010  # m; beyond that a point is wrong
 NEAR = 0.005  # m; a place within that of a point is mapped
@@ -142,45 +143,68 @@ def _relative_errors(made: Trajectory, true: Trajectory) -> tuple[Floats, Floats
     return np.linalg.norm(off, axis=1), (turn_true.inv() * turn_made).magnitude()
 
 
+class TrueSurface:
+    """A surface, vertices (v, 3) m and triangles (t, 3), that clouds are laid on and measured against."""
+
+    def __init__(self, vertices: Floats, triangles: NDArray[np.int32]) -> None:
+        import open3d as o3d
+
+        self._centre = np.round(vertices.mean(0))  # ray casting computes in float32
+        self._scene = o3d.t.geometry.RaycastingScene()
+        self._scene.add_triangles(
+            o3d.core.Tensor.from_numpy((vertices - self._centre).astype(np.float32)),
+            o3d.core.Tensor.from_numpy(triangles.astype(np.uint32)),
+        )
+
+    def aligned(self, points: Floats) -> Floats:
+        """Points (n, 3), roughly in the surface's frame, after the rigid motion that lays them on it."""
+        import open3d as o3d
+
+        if not len(points):
+            raise GarbiError("cloud.laz holds no points to compare")
+        points = points - self._centre
+        sample = self._sample(points)
+        for gate in GATES:
+            probe = points[sample]
+            nearest = self._scene.compute_closest_points(o3d.core.Tensor.from_numpy(probe.astype(np.float32)))
+            foot, normal = nearest["points"].numpy(), nearest["primitive_normals"].numpy().astype(np.float64)
+            use = np.linalg.norm(probe - foot, axis=1) < gate
+            if np.count_nonzero(use) < max(6, LEAST * len(probe)):
+                continue
+            jacobian = np.hstack([np.cross(probe[use], normal[use]), normal[use]])
+            step = np.linalg.lstsq(jacobian, -((probe - foot) * normal).sum(1)[use], rcond=None)[0]
+            points = Rotation.from_rotvec(step[:3]).apply(points) + step[3:]
+        return points + self._centre
+
+    def errors(self, points: Floats, seen: Floats | None = None) -> CloudErrors:
+        """Distances of points (n, 3), where they are, to the surface; seen (s, 3): places that should be there."""
+        import open3d as o3d
+
+        probe = (points - self._centre)[self._sample(points)].astype(np.float32)
+        distance = np.sort(self._scene.compute_distance(o3d.core.Tensor.from_numpy(probe)).numpy())
+        complete = None
+        if seen is not None and len(seen):
+            complete = 100 * float((cKDTree(points).query(seen)[0] < NEAR).mean())
+        return CloudErrors(
+            points=len(points),
+            median_mm=1e3 * float(np.median(distance)),
+            rms_mm=1e3 * _rms(distance),
+            rms99_mm=1e3 * _rms(distance[: max(1, int(0.99 * len(distance)))]),
+            p95_mm=1e3 * float(np.percentile(distance, 95)),
+            beyond10_percent=100 * float((distance > FAR).mean()),
+            complete_percent=complete,
+        )
+
+    def _sample(self, points: Floats) -> NDArray[np.int64]:
+        return np.random.default_rng(0).permutation(len(points))[:SAMPLE]
+
+
 def compare_cloud(
     points: Floats, vertices: Floats, triangles: NDArray[np.int32], seen: Floats | None = None
 ) -> CloudErrors:
     """Distances of points (n, 3), roughly in the frame of the surface (v, 3), (t, 3), to it, finely aligned."""
-    import open3d as o3d
-
-    if not len(points):
-        raise GarbiError("cloud.laz holds no points to compare")
-    centre = np.round(vertices.mean(0))  # ray casting computes in float32
-    scene = o3d.t.geometry.RaycastingScene()
-    scene.add_triangles(
-        o3d.core.Tensor.from_numpy((vertices - centre).astype(np.float32)),
-        o3d.core.Tensor.from_numpy(triangles.astype(np.uint32)),
-    )
-    points = points - centre
-    sample = np.random.default_rng(0).permutation(len(points))[:SAMPLE]
-    for gate in GATES:
-        probe = points[sample]
-        nearest = scene.compute_closest_points(o3d.core.Tensor.from_numpy(probe.astype(np.float32)))
-        foot, normal = nearest["points"].numpy(), nearest["primitive_normals"].numpy().astype(np.float64)
-        use = np.linalg.norm(probe - foot, axis=1) < gate
-        if np.count_nonzero(use) < 6:
-            continue
-        jacobian = np.hstack([np.cross(probe[use], normal[use]), normal[use]])
-        step = np.linalg.lstsq(jacobian, -((probe - foot) * normal).sum(1)[use], rcond=None)[0]
-        points = Rotation.from_rotvec(step[:3]).apply(points) + step[3:]
-    distance = np.sort(scene.compute_distance(o3d.core.Tensor.from_numpy(points[sample].astype(np.float32))).numpy())
-    complete = None
-    if seen is not None and len(seen):
-        complete = 100 * float((cKDTree(points).query(seen - centre)[0] < NEAR).mean())
-    return CloudErrors(
-        points=len(points),
-        median_mm=1e3 * float(np.median(distance)),
-        rms_mm=1e3 * _rms(distance),
-        rms99_mm=1e3 * _rms(distance[: max(1, int(0.99 * len(distance)))]),
-        p95_mm=1e3 * float(np.percentile(distance, 95)),
-        beyond10_percent=100 * float((distance > FAR).mean()),
-        complete_percent=complete,
-    )
+    surface = TrueSurface(vertices, triangles)
+    return surface.errors(surface.aligned(points), seen)
 
 
 def read_truth(paths: Sequence[Path]) -> Truth:

@@ -15,9 +15,11 @@ from garbi_map.export import (
     Quantity,
     Report,
     Source,
-    Span,
     Topic,
+    correction,
     describe_seabed,
+    plain_verdict,
+    weak_places,
     write_glb,
     write_hillshade,
     write_report_html,
@@ -27,11 +29,16 @@ from garbi_map.export import (
     write_trajectory,
 )
 from garbi_map.progress import Progress
+from garbi_map.register import ENTROPY_RADIUS
+from garbi_map.register.timing import NAMES
 from garbi_map.seabed import triangulate
 from garbi_map.sweep.store import SweepStore
+from garbi_map.timeline import timeline
+from garbi_map.words import many
 
 if TYPE_CHECKING:
     from garbi_map.dive import Dive, Map
+    from garbi_map.register import Registered
 
 _LIBRARIES = (
     "numpy",
@@ -46,6 +53,8 @@ _LIBRARIES = (
     "laspy",
     "rasterio",
 )
+
+ENTROPY_NOTE = f"half ln |2 pi e C|, C of the points within {100 * ENTROPY_RADIUS:g} cm"
 
 OUTPUTS = {
     "trajectory.tum": "map <- base_link, at 50 Hz and at every profile",
@@ -84,7 +93,8 @@ def write_outputs(out: Path, dive: Dive, store: SweepStore, built: Map, started:
     dive.timings["all"] = time.perf_counter() - started
     report = make_report(dive, store, built)
     write_report_json(out / "report.json", report)
-    write_report_html(out / "report.html", report, built.seabed, built.registered.trajectory, dive.config.export)
+    navigation = built.navigated.trajectory
+    write_report_html(out / "report.html", report, built.seabed, built.registered, navigation, dive.config.export)
     progress.advance()
 
 
@@ -93,8 +103,8 @@ def make_report(dive: Dive, store: SweepStore, built: Map) -> Report:
     log = dive.log
     entries = store.entries
     blank = sum(entry.blank for entry in entries)
-    dark = [f"{blank} images show no laser: it was off, hidden or out of range"] if blank else []
-    left_out = [*dive.left_out, *dark, *built.navigated.report.get("notes", [])]
+    dark = [f"{many(blank, 'image')} without the laser: it was off, hidden or out of range"] if blank else []
+    left_out = [*dive.left_out, *dark, *built.navigated.report.get("notes", []), *drift_notes(built.registered)]
     return Report(
         title=dive.paths[0].stem,
         created=datetime.now(UTC).isoformat(timespec="seconds"),
@@ -105,6 +115,8 @@ def make_report(dive: Dive, store: SweepStore, built: Map) -> Report:
             images=log.image_count,
             topics=[Topic(name=name, type=topic.type, count=topic.count) for name, topic in log.topics.items()],
         ),
+        verdict=plain_verdict(built.seabed, built.registered.agreement, len(left_out)),
+        weak=weak_places(built.seabed, built.registered.agreement, dive.config.export.widest_hole),
         counts={
             "images": log.image_count,
             "profiles": sum(entry.profiles for entry in entries),
@@ -118,10 +130,7 @@ def make_report(dive: Dive, store: SweepStore, built: Map) -> Report:
         residuals=_residuals(built),
         uncertainties=[*describe_seabed(built.seabed), *_pose_uncertainty(built)],
         timings_s={name: round(seconds, 3) for name, seconds in dive.timings.items()},
-        timeline=[
-            Span(lane="sweeps", begin_s=(e.begin_ns - log.begin_ns) * 1e-9, end_s=(e.end_ns - log.begin_ns) * 1e-9)
-            for e in entries
-        ],
+        timeline=timeline(dive, store),
         configuration=dive.config.model_dump(mode="json"),
         versions={"garbi": __version__, **{name: importlib.metadata.version(name) for name in _LIBRARIES}},
         outputs=OUTPUTS,
@@ -130,22 +139,51 @@ def make_report(dive: Dive, store: SweepStore, built: Map) -> Report:
 
 def _residuals(built: Map) -> list[Quantity]:
     registered = built.registered
-    before, after = registered.disagreement
-    drift = built.navigated.trajectory.at(registered.trajectory.stamp_ns).position - registered.trajectory.position
+    (before, after), entropy = registered.agreement.median, registered.agreement.entropy
+    found = correction(built.navigated.trajectory, registered.trajectory)
     last = registered.rounds[-1][-1] if registered.rounds else None
     return [
         Quantity(name="sweep to sweep, navigation alone", value=1e3 * before, unit="mm", note="median distance"),
         Quantity(name="sweep to sweep, this map", value=1e3 * after, unit="mm", note="median distance"),
+        Quantity(name="mean map entropy, navigation alone", value=entropy[0], unit="nat", note=ENTROPY_NOTE),
+        Quantity(name="mean map entropy, this map", value=entropy[1], unit="nat", note="the less, the sharper"),
         Quantity(name="matches", value=float(last.matches) if last else 0.0, note="surfel pairs of the last round"),
         Quantity(
             name="drift found",
-            value=float(np.sqrt((drift**2).sum(axis=1).mean())),
+            value=found.distance,
             unit="m",
             note="rms between the navigation filter's and this trajectory",
+        ),
+        Quantity(name="attitude drift found", value=float(np.rad2deg(found.angle)), unit="deg", note="rms, likewise"),
+        Quantity(
+            name="heading against the navigation filter",
+            value=float(np.rad2deg(found.heading)),
+            unit="deg",
+            note="one turn of the whole map, not counted as drift",
         ),
         Quantity(
             name="largest step of the pose graph", value=1e3 * float(registered.graph_step.max(initial=0.0)), unit="mm"
         ),
+        *_clocks(built),
+    ]
+
+
+def drift_notes(registered: Registered) -> list[str]:
+    """What the drift estimate found to be wrong with the sensors, one line each."""
+    return [str(offset) for offset in registered.clocks if offset.state == "applied"]
+
+
+def _clocks(built: Map) -> list[Quantity]:
+    """By how much the stamps of the sensors are late, whether or not that was corrected."""
+    said = {"applied": "corrected", "kept": "nothing to correct", "unseen": "cannot be told from this dive, left alone"}
+    return [
+        Quantity(
+            name=f"{NAMES[offset.name]}, late by",
+            value=None if offset.state == "unseen" else 1e3 * offset.value,
+            unit="ms",
+            note=f"1 sigma {1e3 * offset.sigma:.2g} ms; {said[offset.state]}",
+        )
+        for offset in built.registered.clocks
     ]
 
 

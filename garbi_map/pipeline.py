@@ -8,14 +8,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from garbi_map.aside import remove_leftovers
+from garbi_map.aside import alone_in, remove_leftovers
 from garbi_map.config import Config
 from garbi_map.dive import Dive, Map
 from garbi_map.errors import GarbiError
 from garbi_map.log import open_log
 from garbi_map.navigate import Trajectory, navigate
-from garbi_map.progress import Progress, Silent, counted
-from garbi_map.register import register
+from garbi_map.progress import Progress, Show, Silent, counted, unseen
+from garbi_map.register import Scanner, register
 from garbi_map.rig import load_rig, parse_rig
 from garbi_map.scan import ScanLosses, scan, scan_key
 from garbi_map.seabed import AcceptedPoints, Seabed, SeabedBuilder, build_seabed
@@ -31,12 +31,13 @@ def build_map(
     span: tuple[float | None, float | None] = (None, None),
     workers: int = 2,
     progress: Progress | None = None,
+    show: Show = unseen,
 ) -> list[str]:
     """Build the seabed map of one or more logs into the folder `out`; returns what was left out, one line each.
 
     span: first and last second to use, counted from the log's begin. Stopped and started again, it goes on after the last
-    finished stage that is worth keeping: the sweeps.
-    Raises GarbiError where the input cannot give a map.
+    finished stage that is worth keeping: the sweeps. `show` is given sweeps, path and points as they come.
+    Raises GarbiError where the input cannot give a map, and where another run is writing into `out`.
     """
     from garbi_map.outputs import write_outputs
 
@@ -47,22 +48,27 @@ def build_map(
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise GarbiError(f"{out}: cannot be made a folder: {error.strerror}") from error
-    remove_leftovers(out)
-    work = out / ".work"
+    with alone_in(out):
+        remove_leftovers(out)
+        work = out / ".work"
 
-    with timed(dive, "stripes and sweeps"):
-        store = sweeps_of(dive, work, workers, progress)
-    with timed(dive, "navigation"):
-        progress.stage("navigation")
-        navigated = navigate(dive.navigation, config.navigate, store.stamps())
-    with timed(dive, "registration"):
-        progress.stage("registration")
-        registered = register(store, dive.navigation, navigated, config.registration, config.navigate, progress.note)
-    with timed(dive, "seabed"):
-        progress.stage("seabed", 2 * len(store))
-        seabed, builder = fuse(dive, store, registered.inside, out, progress)
-    write_outputs(out, dive, store, Map(navigated, registered, seabed, builder), started, progress)
-    shutil.rmtree(work, ignore_errors=True)
+        with timed(dive, "stripes and sweeps"):
+            store = sweeps_of(dive, work, workers, progress, show)
+        with timed(dive, "navigation"):
+            progress.stage("navigation")
+            navigated = navigate(dive.navigation, config.navigate, store.stamps())
+        with timed(dive, "registration"):
+            progress.stage("registration")
+            scanner = Scanner(dive.rig, dive.angle, dive.navigation.mount("rig"))
+            registered = register(
+                store, dive.navigation, navigated, config.registration, config.navigate, progress.note, scanner
+            )
+        show(registered.trajectory)
+        with timed(dive, "seabed"):
+            progress.stage("seabed", 2 * len(store))
+            seabed, builder = fuse(dive, store, registered.inside, out, progress, show)
+        write_outputs(out, dive, store, Map(navigated, registered, seabed, builder), started, progress)
+        shutil.rmtree(work, ignore_errors=True)
     return dive.left_out
 
 
@@ -90,7 +96,7 @@ def open_dive(
     return Dive(paths, config, log, rig, navigation, (begin_ns, end_ns))
 
 
-def sweeps_of(dive: Dive, work: Path, workers: int, progress: Progress) -> SweepStore:
+def sweeps_of(dive: Dive, work: Path, workers: int, progress: Progress, show: Show = unseen) -> SweepStore:
     """The sweeps of the dive on disk: those of an interrupted run where nothing has changed since, else made now."""
     folder = work / scan_key(dive.paths, dive.rig, dive.config, dive.span_ns)
     store = SweepStore.open(folder)
@@ -101,6 +107,7 @@ def sweeps_of(dive: Dive, work: Path, workers: int, progress: Progress) -> Sweep
         store = SweepStore(folder)
         for sweep in scan(dive.log, dive.rig, dive.navigation, dive.config, dive.span_ns, workers, losses, progress):
             store.add(sweep)
+            show(sweep)
         store.finish([*dive.log.losses, *losses.lines()])
     dive.losses += store.losses
     if sum(entry.profiles for entry in store.entries) < 2:
@@ -113,7 +120,7 @@ def sweeps_of(dive: Dive, work: Path, workers: int, progress: Progress) -> Sweep
 
 
 def fuse(
-    dive: Dive, store: SweepStore, trajectory: Trajectory, out: Path, progress: Progress
+    dive: Dive, store: SweepStore, trajectory: Trajectory, out: Path, progress: Progress, show: Show = unseen
 ) -> tuple[Seabed, SeabedBuilder]:
     """The accepted points of all sweeps, into cloud.laz and the surface."""
     from garbi_map.export import CloudWriter
@@ -128,6 +135,7 @@ def fuse(
 
         def take(points: AcceptedPoints) -> None:
             cloud.write(points)
+            show(points)
 
         return build_seabed(posed, dive.config.seabed, mount, take)
 

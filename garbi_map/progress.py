@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Protocol, TypeVar
 
 T = TypeVar("T")
@@ -19,6 +19,14 @@ class Progress(Protocol):
 
     def note(self, text: str) -> None:
         """What the stage is at, in a few words."""
+
+
+Show = Callable[[object], None]
+"""Takes a part of the result as it comes, to be looked at; returns at once."""
+
+
+def unseen(_: object) -> None:
+    """Nobody looks."""
 
 
 class Silent:

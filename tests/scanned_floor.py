@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -161,7 +162,7 @@ def points_of(one: Dive, trajectory: Trajectory) -> Floats:
     return np.concatenate([place(each, rig) for each in one.store])
 
 
-def register_dive(one: Dive, **drift: float) -> tuple[Registered, NavigationResult]:
+def register_dive(one: Dive, scanner: Any = None, **drift: float) -> tuple[Registered, NavigationResult]:
     """The whole of the register room on a dive, with voxels for so coarse a scanner."""
     navigate_settings = NavigateSettings()
     navigated = navigate(one.log, navigate_settings, one.store.stamps())
@@ -170,7 +171,7 @@ def register_dive(one: Dive, **drift: float) -> tuple[Registered, NavigationResu
             {"surfel_size": 0.06, "coarse_surfel_size": 0.08, "surfel_points": 6} | drift
         )
     )
-    return register(one.store, one.log, navigated, settings, navigate_settings), navigated
+    return register(one.store, one.log, navigated, settings, navigate_settings, scanner=scanner), navigated
 
 
 def floor_error(one: Dive, trajectory: Trajectory) -> float:

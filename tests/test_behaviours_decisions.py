@@ -139,7 +139,8 @@ def test_decisions_are_standard_messages_that_explain_themselves(decided: Path) 
         for schema, channel, message in make_reader(file).iter_messages():
             assert schema is not None
             found.setdefault(channel.topic, []).append(types.deserialize_cdr(message.data, schema.name))
-    assert set(found) == {"/behaviours/command", "/behaviours/decisions", "/behaviours/verdict"}
+    spoken = {"/behaviours/command", "/behaviours/decisions", "/behaviours/verdict"}
+    assert set(found) == spoken | {"/behaviours/safe_set", "/behaviours/volume", "/odometry/filtered", "/tf"}
     assert len(found["/behaviours/command"]) == len(found["/behaviours/decisions"])
     names = [status.name for status in found["/behaviours/decisions"][100].status]
     assert names == ["feed", "behaviour/avoidance", "behaviour/hold", "coordinator", "safety"]

@@ -64,12 +64,15 @@ def test_from_images_to_a_rig_that_measures(bench: Path):
     info = ["--write-camera-info", str(bench / "info.yaml"), "--report", str(bench / "camera_report")]
     done = runner.invoke(app, ["calibrate", "camera", str(bench / "images"), *target, "-o", str(camera), *info])
     assert done.exit_code in (0, 3), done.output
+    assert "solved for: camera.alpha_u" in done.output
     with pytest.raises(GarbiError, match="laser is missing"):
         load_rig(camera)
     report = ["--report", str(bench / "laser_report")]
     sweeps = ["calibrate", "laser", str(bench / "sweeps.mcap"), *target, "--rig", str(camera), "-o", str(rig), *report]
     done = runner.invoke(app, sweeps)
     assert done.exit_code in (0, 3), done.output
+    assert "sheet: not tested, 4 poses" in done.output
+    assert "held: camera.k3" in done.output
     found, truth = load_rig(rig), small_rig()
     assert np.sqrt(np.nanmean(errors_at(truth, found, 1.2) ** 2)) < 4e-3
     entries = yaml.safe_load(rig.read_text())
@@ -97,6 +100,15 @@ def refused(bench: Path, tmp_path: Path, log: str, board: str = BOARD, match: st
 def test_a_missing_encoder_is_refused(bench: Path, tmp_path: Path):
     """Without saying that there is no motor."""
     refused(bench, tmp_path, "no_encoder.mcap", match="no encoder")
+
+
+def test_the_configuration_has_a_section_for_it(bench: Path, tmp_path: Path):
+    """A stricter one refuses what the defaults accept, and writes nothing."""
+    (tmp_path / "config.yaml").write_text("calibrate: {max_corner_noise: 0.001}")
+    output = tmp_path / "rig.yaml"
+    with pytest.raises(GarbiError, match="does not explain the corners"):
+        run.camera([bench / "images"], bench / "target.yaml", output, config_file=tmp_path / "config.yaml")
+    assert not output.exists()
 
 
 def test_another_target_is_refused(bench: Path, tmp_path: Path):

@@ -56,6 +56,19 @@ def test_a_mirrored_target_is_named(kind):
         detect(np.ascontiguousarray(image[:, ::-1]), target, "view")
 
 
+def test_a_mirrored_checkerboard_is_named_where_it_can_be():
+    """With two odd numbers of corners the colours tell; any other board looks the same in a mirror."""
+    odd = target_of("kind: checkerboard\ninner_corners: [9, 7]\nsquare: 0.05")
+    booth = Booth(make_rig(), odd, Look(margin=0.02, samples=2))
+    placed = booth.placed(Rotation.from_rotvec([0.2, -0.3, 0.1]), np.array([-0.2, -0.15, 0.95]))
+    image = booth.image(placed, None, np.random.default_rng(1))
+    assert detect(image, odd, "view") is not None
+    with pytest.raises(GarbiError, match="mirrored"):
+        detect(np.ascontiguousarray(image[:, ::-1]), odd, "view")
+    image, _, even = seen("checkerboard")
+    assert detect(np.ascontiguousarray(image[:, ::-1]), even, "view") is not None
+
+
 def test_blur_is_measured():
     """A lens four times softer shows as blur."""
     import cv2

@@ -291,3 +291,12 @@ def test_it_agrees_with_an_independent_scorer(
     assert ours.cloud.p95_mm == pytest.approx(theirs["p95"], abs=0.02)
     assert ours.cloud.beyond10_percent == pytest.approx(theirs["beyond10_percent"], abs=0.02)
     assert ours.cloud.complete_percent == pytest.approx(100 * theirs["complete"], abs=0.05)
+
+
+def test_a_cloud_that_is_nowhere_near_is_not_thrown_farther() -> None:
+    """A few strays on the surface do not align the rest, which lies metres beside it."""
+    vertices, triangles = bumpy()
+    strays = vertices[:40]
+    lost = np.random.default_rng(0).uniform([3, 3, 2], [6, 6, 4], (20_000, 3))
+    found = compare_cloud(np.concatenate([strays, lost]), vertices, triangles)
+    assert 1e3 < found.median_mm < 1e4

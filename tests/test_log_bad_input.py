@@ -281,4 +281,4 @@ def test_hostile_definition(tmp_path: Path, definition: str) -> None:
         one_line(error, "marine_acoustic_msgs/msg/Dvl")
     else:
         assert log.navigation().dvl is None
-        assert any("/dvl/twist: 1 messages" in line for line in log.losses)
+        assert any("/dvl/twist: 1 message" in line for line in log.losses)

@@ -238,7 +238,7 @@ def test_damage_is_still_named_when_a_run_goes_on(
 def test_sweep_in_which_nothing_is_visible(dive: Path, bad: Path, out: Path, garbi: Garbi) -> None:
     """The laser is off from one turn to the next: that sweep is left out, the others are mapped."""
     rewrite(dive, bad, change=black(2.7, 6.9))
-    report = mapped(garbi("map", bad, "-o", out), out, "1 sweeps with too few points")
+    report = mapped(garbi("map", bad, "-o", out), out, "1 sweep with too few points")
     assert report["counts"]["sweeps"] == 2
 
 
@@ -246,7 +246,7 @@ def test_laser_off_for_seconds(dive: Path, bad: Path, out: Path, garbi: Garbi) -
     """Within a sweep: nothing is lost that was there, but the report counts the dark images."""
     rewrite(dive, bad, change=black(3.5, 5.5))
     report = mapped(garbi("map", bad, "-o", out), out)
-    assert "40 images show no laser: it was off, hidden or out of range" in report["left_out"]
+    assert "40 images without the laser: it was off, hidden or out of range" in report["left_out"]
 
 
 def test_black_images_only(dive: Path, bad: Path, out: Path, garbi: Garbi) -> None:

@@ -14,6 +14,7 @@ import pytest
 from conftest import Garbi
 from dive_logs import TRUTH, rewrite, without
 
+from garbi_map.aside import alone_in
 from garbi_map.outputs import OUTPUTS
 
 SAME = ("trajectory.tum", "cloud.laz", "seabed.tif")
@@ -126,6 +127,24 @@ def test_second_run_into_the_same_folder_gives_the_same_map(dive: Path, garbi: G
     assert garbi("map", dive, "-o", out, "--from", 1, "--to", 5).status == 0
     assert first == {name: (out / name).read_bytes() for name in SAME}
     assert {path.name for path in out.iterdir()} == set(OUTPUTS)
+
+
+def test_second_run_at_the_same_time_refuses(dive: Path, garbi: Garbi, tmp_path: Path) -> None:
+    """While another process holds the folder: one line, nothing written; when that process is killed the folder is free."""
+    out = tmp_path / "map"
+    out.mkdir()
+    holding = "import sys; from pathlib import Path; from garbi_map.aside import alone_in\n"
+    holding += f"with alone_in(Path({str(out)!r})): print('held', flush=True); sys.stdin.read()"
+    command = [sys.executable, "-c", holding]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as other:
+        assert other.stdout is not None and other.stdout.readline() == "held\n"
+        ended = garbi("map", dive, "-o", out)
+        assert (ended.status, ended.out) == (1, "")
+        assert ended.err.count("\n") == 1 and f"{out}: another garbi is writing there" in ended.err
+        assert list(out.iterdir()) == []
+        other.kill()
+    with alone_in(out):
+        assert list(out.iterdir()) == []
 
 
 def interrupt(number: signal.Signals, after: int) -> Any:

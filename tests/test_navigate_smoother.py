@@ -12,6 +12,7 @@ from garbi_map.navigate.observations import make_sources
 from garbi_map.navigate.process import ProcessModel, Step
 from garbi_map.navigate.start import first_guess
 from garbi_map.navigate.states import STATES, VELOCITY
+from garbi_map.navigate.tape import NodeTape
 from garbi_map.navigate.timebase import make_timebase
 
 TRIANGLE = np.triu_indices(STATES)
@@ -72,7 +73,7 @@ def test_smoothing_is_the_exact_joint_estimate() -> None:
     """Errors and pose covariances equal those of one least squares over all nodes and measurements."""
     steps = 7
     nodes, model, error, joint = linear_nodes(steps)
-    smoothed = smoother.smooth(nodes, model)
+    smoothed = smoother.smooth(NodeTape(nodes), model)
     assert np.allclose(smoothed.error, error, atol=1e-7)
     for k in range(steps):
         block = joint[k * STATES : (k + 1) * STATES, k * STATES : (k + 1) * STATES]
@@ -81,12 +82,25 @@ def test_smoothing_is_the_exact_joint_estimate() -> None:
         assert np.allclose(smoothed.pose[k], block[np.ix_(pose, pose)], atol=1e-7)
 
 
+def test_nodes_come_back_from_the_tape_as_they_were() -> None:
+    """Any stretch of them, across the blocks in which they were written."""
+    _, nodes = forward_pass(1, 40.0)
+    tape = NodeTape(iter(nodes))
+    assert len(tape) == len(nodes) > 600
+    for first, end in ((0, len(nodes)), (480, 530), (len(nodes) - 1, len(nodes)), (7, 7)):
+        for one, other in zip(tape.stretch(first, end), nodes[first:end], strict=True):
+            assert (one.sample, one.step.seconds) == (other.sample, other.step.seconds)
+            for a, b in ((one.covariance, other.covariance), (one.step.jacobian, other.step.jacobian)):
+                assert np.array_equal(a, b)
+            assert np.array_equal(one.correction, other.correction) and np.array_equal(one.biases, other.biases)
+
+
 @pytest.mark.parametrize("chunk", [1, 3, 50])
 def test_chunks_change_nothing(chunk: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """However many nodes are in memory at once, the answer is the same."""
     nodes, model, error, _ = linear_nodes(7)
     monkeypatch.setattr(smoother, "_CHUNK", chunk)
-    assert np.allclose(smoother.smooth(nodes, model).error, error, atol=1e-7)
+    assert np.allclose(smoother.smooth(NodeTape(nodes), model).error, error, atol=1e-7)
 
 
 def test_smoothing_beats_filtering() -> None:
@@ -94,7 +108,7 @@ def test_smoothing_beats_filtering() -> None:
     before, after = [], []
     for seed in range(3):
         forward, nodes = forward_pass(seed)
-        smoothed = smoother.smooth(nodes, forward.model)
+        smoothed = smoother.smooth(NodeTape(nodes), forward.model)
         rows = forward.base.nodes
         true = derivative(point_on(MOUNTS["imu_link"].translation), seconds(forward.base.stamp_ns[rows]), 1)
         filtered = forward.velocity[rows]
@@ -109,7 +123,7 @@ def test_smoothing_beats_filtering() -> None:
 def test_smoothed_sigmas_never_exceed_filtered_ones() -> None:
     """More data cannot make the estimate worse."""
     forward, nodes = forward_pass(4, 10.0)
-    smoothed = smoother.smooth(nodes, forward.model)
+    smoothed = smoother.smooth(NodeTape(nodes), forward.model)
     diagonal = np.flatnonzero(TRIANGLE[0] == TRIANGLE[1])
     filtered = np.sqrt(np.array([node.covariance[diagonal] for node in nodes]))
     assert (smoothed.sigma <= filtered * (1.0 + 1e-6)).all()

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from garbi_map.register.constants import Constant
 from garbi_map.register.drift import add_matches
 from garbi_map.register.factors import (
     GRAVITY,
@@ -19,16 +20,24 @@ from garbi_map.register.factors import (
     Factor,
     Gauge,
     Height,
+    Nominal,
     Position,
 )
-from garbi_map.register.motion import ACCELEROMETER_BIAS, DVL_SCALE, GYRO_BIAS, Motion, PriorAttitude
+from garbi_map.register.motion import Motion, PriorAttitude
 from garbi_map.register.normal_equations import RUN
+from garbi_map.register.sensors import noise_density
 from garbi_map.register.surfels import Surfels, match_surfels
 
 END = 3.0
 UP = np.array([0.0, 0.0, 1.0])
 RANDOM = np.random.default_rng(5)
-TIMES = np.sort(RANDOM.uniform(0.0, END, 17))
+TIMES = np.sort(RANDOM.uniform(0.2, END - 0.2, 17))
+BIASES = [
+    Constant("accelerometer_bias", 0.1, "m/s^2", 3),
+    Constant("gyro_bias", 0.01, "rad/s", 3),
+    Constant("dvl_scale", 0.02, "1"),
+]
+CLOCKS = [Constant(f"{name}_clock", 0.025, "s") for name in ("imu", "dvl", "pressure")]
 
 
 class Rows:
@@ -40,10 +49,12 @@ class Rows:
         self.matrices: list[np.ndarray] = []
         self.sigmas: list[np.ndarray] = []
 
-    def add(self, residual, sigma, runs, cauchy=None) -> None:
+    def add(self, residual, sigma, runs, cauchy=None, tail=None) -> None:
         dense = np.zeros((len(residual), self.size))
         for run in runs:
             np.add.at(dense, (np.arange(len(residual))[:, None], run.start[:, None] + np.arange(RUN)), run.value)
+        if tail is not None:
+            dense[:, tail.columns] += tail.value
         self.residuals.append(residual)
         self.matrices.append(dense)
         self.sigmas.append(np.broadcast_to(sigma, residual.shape))
@@ -57,15 +68,15 @@ class Rows:
         return np.concatenate(self.matrices)
 
 
-def some_motion(theta: float, constants: float = 0.0) -> Motion:
+def some_motion(theta: float, constants: float = 0.0, declared: list[Constant] = BIASES) -> Motion:
     """A motion with a turning prior, random positions, and a correction and constants of the size given."""
     random = np.random.default_rng(2)
-    t = np.linspace(0.0, END, 40)
+    t = np.linspace(0.0, END, 400)
     prior = Rotation.from_euler("ZYX", np.stack([0.8 + 0.4 * t, 0.1 * np.sin(t), 0.2 * np.cos(t)], axis=1))
-    motion = Motion(0.0, END, PriorAttitude(t, prior.as_quat()), 0.4, 1.0)
+    motion = Motion(0.0, END, PriorAttitude(t, prior.as_quat()), 0.4, 1.0, declared)
     motion.position_control[:] = random.normal(0.0, 0.3, motion.position_control.shape)
     motion.attitude_control[:] = random.normal(0.0, 1.0, motion.attitude_control.shape) * theta
-    motion.constants[:8] = random.normal(0.0, 1.0, 8) * constants
+    motion.constants.value[:] = random.normal(0.0, 1.0, len(motion.constants)) * constants
     return motion
 
 
@@ -98,12 +109,13 @@ FACTORS = {
     "attitude": lambda: AttitudeCorrection(np.array([0.01, 0.01, 0.03]), 1.0, TIMES),
     "attitude without gyro": lambda: AttitudeCorrection(np.array([0.01, 0.01, 0.03]), 1.0, None),
     "height": lambda: Height(TIMES, random_vectors(1.0)[:, 2], np.array([0.3, -0.2, 0.5])),
-    "bottom track": lambda: BottomTrack(TIMES, random_vectors(0.2), random_vectors(0.3), np.array([-0.4, 0.2, -0.1])),
+    "bottom track": lambda: BottomTrack(TIMES, random_vectors(0.2), np.array([-0.4, 0.2, -0.1])),
     "position": lambda: Position(TIMES, random_vectors(1.0), 0.1),
-    "anchor": lambda: Anchor(TIMES, random_vectors(1.0), random_vectors(0.01), 1e-3, 1e-3),
+    "anchor": lambda: Anchor(TIMES, random_vectors(1.0), some_motion(0.0).rotation(TIMES), 1e-3, 1e-3),
     "calm velocity": lambda: Calm(0.3, 0.1, derivative=1),
     "calm acceleration": lambda: Calm(0.3, 0.1, derivative=2, measured=TIMES[:5]),
-    "gauge": lambda: Gauge((0, 1, 2), np.array([1.0, 2.0, 3.0]), np.full(RUN, 0.1)),
+    "gauge": lambda: Gauge((0, 1, 2), np.array([1.0, 2.0, 3.0])),
+    "nominal": lambda: Nominal(),
 }
 
 
@@ -124,17 +136,38 @@ def test_the_derivatives_of_a_factor_hold_to_first_order_in_the_correction(name)
     assert rows_of(factor, motion).matrix == pytest.approx(expected, abs=0.03 * np.abs(expected).max())
 
 
-def placed_surfels(motion: Motion) -> tuple[np.ndarray, np.ndarray, Callable[[], np.ndarray], np.ndarray]:
-    """Forty places seen by two sweeps each, a few millimetres apart: times, sweeps, their means as the motion has them,
-    and normals."""
+@pytest.mark.parametrize("name", ["acceleration", "height", "bottom track"])
+def test_the_derivatives_by_the_clocks_are_rates_of_change(name):
+    """What a sensor says of the motion a moment earlier or later, to a few per cent of its largest change."""
+    factor, motion = FACTORS[name](), some_motion(0.003, 0.003, CLOCKS)
+    columns = motion.constants_columns
+    expected = by_differences(motion, lambda: rows_of(factor, motion).residual, h=1e-5)[:, columns]
+    assert np.abs(expected).max() > 0.01
+    assert rows_of(factor, motion).matrix[:, columns] == pytest.approx(expected, abs=0.05 * np.abs(expected).max())
+
+
+def placed_surfels(motion: Motion) -> tuple[np.ndarray, np.ndarray, Callable[[], np.ndarray], Callable[[], np.ndarray]]:
+    """Forty places seen by two sweeps each, a few millimetres apart: times, sweeps, their means and their normals as the
+    motion has them."""
     random = np.random.default_rng(9)
     time = random.uniform(0.1, END - 0.1, 80)
     sweep = np.repeat([0, 1], 40)
     place = np.tile(random.uniform(-1.0, 1.0, (40, 3)) - [0.0, 0.0, 1.5], (2, 1)) + random.normal(0, 0.003, (80, 3))
     body = motion.rotation(time).inv().apply(place - motion.position(time))
-    normal = np.tile(random.normal(0, 0.3, (40, 3)) + UP, (2, 1)) + random.normal(0, 0.02, (80, 3))
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    return time, sweep, lambda: motion.rotation(time).apply(body) + motion.position(time), normal
+    normal = np.tile(random.normal(0, 0.3, (40, 3)) + UP, (2, 1))
+    across = motion.rotation(time).inv().apply(normal / np.linalg.norm(normal, axis=1, keepdims=True))
+    return (
+        time,
+        sweep,
+        lambda: motion.rotation(time).apply(body) + motion.position(time),
+        lambda: motion.rotation(time).apply(across),
+    )
+
+
+def along_the_normal(normal: np.ndarray, other: np.ndarray, between: np.ndarray) -> np.ndarray:
+    """How far apart two surfels are along the mean of their normals."""
+    mean = normal + other
+    return np.einsum("nk,nk->n", mean / np.linalg.norm(mean, axis=1, keepdims=True), between)
 
 
 def surfels_of(time: np.ndarray, sweep: np.ndarray, mean: np.ndarray, normal: np.ndarray) -> Surfels:
@@ -142,40 +175,75 @@ def surfels_of(time: np.ndarray, sweep: np.ndarray, mean: np.ndarray, normal: np
 
 
 def test_the_derivatives_of_matches_are_those_of_the_distance_along_the_normal():
-    """Both poses move: each row is d/dx of n . (m_i - m_j), the mean normal held, in every unknown."""
+    """Both poses move and both normals turn: each row is d/dx of n . (m_i - m_j) in every unknown."""
     motion = some_motion(0.0)
-    time, sweep, means, normal = placed_surfels(motion)
-    surfels, rows = surfels_of(time, sweep, means(), normal), Rows(motion.size)
+    time, sweep, means, normals = placed_surfels(motion)
+    surfels, rows = surfels_of(time, sweep, means(), normals()), Rows(motion.size)
     count, distance = add_matches(rows, motion, surfels, 0.05, np.inf, 1e-3)  # type: ignore[arg-type]
     first, second = match_surfels(surfels, 0.05, np.inf)
-    mean_normal = normal[first] + normal[second]
-    mean_normal /= np.linalg.norm(mean_normal, axis=1, keepdims=True)
 
     def residual() -> np.ndarray:
-        moved = means()
-        return np.einsum("nk,nk->n", mean_normal, moved[first] - moved[second])
+        moved, normal = means(), normals()
+        return along_the_normal(normal[first], normal[second], moved[first] - moved[second])
 
     assert count == len(first) >= 40
     assert rows.residual == pytest.approx(residual())
     assert distance == pytest.approx(np.median(np.abs(residual())))
     assert rows.matrix == pytest.approx(by_differences(motion, residual), abs=1e-7)
-    lateral = np.linalg.norm(np.cross(mean_normal, surfels.mean[first] - surfels.mean[second]), axis=1)
-    assert rows.sigmas[0] == pytest.approx(np.hypot(1e-3, 0.03 * lateral), rel=1e-6)
+
+
+def test_a_turn_of_the_whole_map_changes_no_match():
+    """Sweeps say nothing of north: what turns everything rigidly is in the null space of the matches."""
+    motion = some_motion(0.0)
+    time, sweep, means, normals = placed_surfels(motion)
+    rows = Rows(motion.size)
+    add_matches(rows, motion, surfels_of(time, sweep, means(), normals()), 0.05, np.inf, 1e-3)  # type: ignore[arg-type]
+    turn = np.array([0.2, -0.3, 1.0])
+    whole = np.zeros(motion.size)
+    whole[: motion.attitude_offset] = np.cross(turn, motion.position_control).ravel()
+    whole[motion.attitude_offset :][: motion.attitude_control.size] = np.tile(turn, len(motion.attitude_control))
+    assert np.abs(rows.matrix).max() > 0.1
+    assert np.abs(rows.matrix @ whole).max() < 1e-9
+
+
+def test_matches_of_many_views_share_what_they_know():
+    """Five views of one place make ten matches; their weights sum to that of the squares about the views' mean."""
+    motion, views = some_motion(0.0), 5
+    time, sweep = np.linspace(0.2, 1.0, views), np.arange(views)
+    surfels = surfels_of(time, sweep, np.zeros((views, 3)), np.tile(UP, (views, 1)))
+    once, twice = Rows(motion.size), Rows(motion.size)
+    add_matches(once, motion, surfels, 0.05, np.inf, 1e-3)  # type: ignore[arg-type]
+    add_matches(twice, motion, surfels, 0.05, np.inf, 1e-3, looks=2)  # type: ignore[arg-type]
+    assert once.sigmas[0] == pytest.approx(np.full(10, 1e-3 * np.sqrt(views / 2.0)))
+    assert twice.sigmas[0] == pytest.approx(once.sigmas[0] * np.sqrt(2.0))
+
+
+def test_a_match_is_less_sure_the_farther_apart_its_surfels_are_along_the_surface():
+    """A surface leaves its tangent plane: three per cent of the lateral offset."""
+    motion = some_motion(0.0)
+    time, sweep, means, normals = placed_surfels(motion)
+    surfels, rows = surfels_of(time, sweep, means(), normals()), Rows(motion.size)
+    add_matches(rows, motion, surfels, 0.05, np.inf, 1e-3)  # type: ignore[arg-type]
+    first, second = match_surfels(surfels, 0.05, np.inf)
+    between = surfels.mean[first] - surfels.mean[second]
+    away = np.sum(between**2, axis=1) - along_the_normal(surfels.normal[first], surfels.normal[second], between) ** 2
+    alone = np.bincount(np.r_[first, second])
+    lonely = (alone[first] == 1) & (alone[second] == 1)
+    assert lonely.sum() > 20
+    assert rows.sigmas[0][lonely] == pytest.approx(np.sqrt(1e-6 + 0.03**2 * away)[lonely], rel=1e-6)
 
 
 def test_a_settled_surfel_stays_where_it_is():
     """Only the moving one of a pair has derivatives, and two settled ones are not matched at all."""
     motion = some_motion(0.0)
-    time, sweep, means, normal = placed_surfels(motion)
-    everything = surfels_of(time, sweep, means(), normal)
+    time, sweep, means, normals = placed_surfels(motion)
+    everything = surfels_of(time, sweep, means(), normals())
     moving, settled = everything.select(sweep == 0), everything.select(sweep == 1)
     rows = Rows(motion.size)
     count, _ = add_matches(rows, motion, moving, 0.05, np.inf, 1e-3, settled)  # type: ignore[arg-type]
     first, second = match_surfels(everything, 0.05, np.inf)
-    mean_normal = normal[first] + normal[second]
-    mean_normal /= np.linalg.norm(mean_normal, axis=1, keepdims=True)
-    there = everything.mean[second]
-    expected = by_differences(motion, lambda: np.einsum("nk,nk->n", mean_normal, means()[first] - there))
+    there = everything.mean[second], everything.normal[second]
+    expected = by_differences(motion, lambda: along_the_normal(normals()[first], there[1], means()[first] - there[0]))
     assert count == len(first)
     assert rows.matrix == pytest.approx(expected, abs=1e-7)
     nothing = everything.select(np.zeros(len(time), bool))
@@ -186,19 +254,18 @@ def test_a_settled_surfel_stays_where_it_is():
 def measured_by_a_true_motion() -> tuple[Motion, Acceleration, BottomTrack, Height, AttitudeCorrection]:
     """What perfect sensors with a bias and a scale say of a motion; arms and levers included."""
     motion = some_motion(0.003)
-    motion.constants[ACCELEROMETER_BIAS] = [0.05, -0.02, 0.03]
-    motion.constants[DVL_SCALE] = 0.005
+    motion.constants.value[:] = [0.05, -0.02, 0.03, 0.0, 0.0, 0.0, 0.005]
     motion.attitude_control[:] = motion.attitude_control[0]
     inverse = motion.rotation(TIMES).inv()
-    arm, rate = random_vectors(0.1), random_vectors(0.2)
-    force = inverse.apply(motion.position(TIMES, 2) - GRAVITY) + motion.constants[ACCELEROMETER_BIAS] + arm
+    arm, rate = random_vectors(0.1), motion.rate(TIMES)
+    force = inverse.apply(motion.position(TIMES, 2) - GRAVITY) + motion.constants.vector("accelerometer_bias") + arm
     lever = np.array([-0.4, 0.2, -0.1])
-    velocity = (inverse.apply(motion.position(TIMES, 1)) + np.cross(rate, lever)) / (1 + motion.constants[DVL_SCALE])
+    velocity = (inverse.apply(motion.position(TIMES, 1)) + np.cross(rate, lever)) * 1.005
     height = (motion.position(TIMES) + motion.rotation(TIMES).apply(lever))[:, 2]
     return (
         motion,
         Acceleration(TIMES, force, arm),
-        BottomTrack(TIMES, velocity, rate, lever),
+        BottomTrack(TIMES, velocity, lever),
         Height(TIMES, height, lever),
         AttitudeCorrection(np.full(3, 0.1), 1.0, TIMES),
     )
@@ -213,8 +280,8 @@ def test_the_residual_of_a_perfect_sensor_is_zero():
 
 def test_a_constant_gyro_bias_is_a_correction_that_grows():
     """theta' = -R b: the rate's residual vanishes for a level vehicle whose correction undoes its bias."""
-    motion = Motion(0.0, END, PriorAttitude(np.array([0.0]), np.array([[0.0, 0.0, 0.0, 1.0]])), 0.4, 1.0)
-    motion.constants[GYRO_BIAS] = [0.0, 0.0, 1e-3]
+    motion = Motion(0.0, END, PriorAttitude(np.array([0.0]), np.array([[0.0, 0.0, 0.0, 1.0]])), 0.4, 1.0, BIASES)
+    motion.constants.value[motion.constants.place("gyro_bias")] = [0.0, 0.0, 1e-3]
     knots = np.arange(len(motion.attitude_control)) * motion.attitude_spline.spacing
     motion.attitude_control[:, 2] = -1e-3 * knots
     rows = rows_of(AttitudeCorrection(np.full(3, 0.1), 1.0, TIMES), motion)
@@ -222,9 +289,27 @@ def test_a_constant_gyro_bias_is_a_correction_that_grows():
     assert np.abs(rates).max() < 1e-12
 
 
+def test_the_rate_is_that_of_the_rotation():
+    """Prior and correction turn together: the rate is the difference of two attitudes, by what theta leaves out."""
+    motion, h = some_motion(0.003, 0.01, CLOCKS), 1e-3
+    turned = (motion.rotation(TIMES - h).inv() * motion.rotation(TIMES + h)).as_rotvec() / (2 * h)
+    assert motion.rate(TIMES) == pytest.approx(turned, abs=5e-3)
+
+
+def test_a_velocity_full_of_noise_does_not_draw_the_scale():
+    """Noise as large as a slow vehicle's velocity would make the scale a half if it stood with what is measured."""
+    random, motion = np.random.default_rng(4), some_motion(0.0)
+    t = np.linspace(0.2, END - 0.2, 4000)
+    true = motion.rotation(t).inv().apply(motion.position(t, 1))
+    noise = random.normal(0.0, np.sqrt((true**2).mean()), true.shape)
+    rows = rows_of(BottomTrack(t, true + noise, np.zeros(3)), motion)
+    column = rows.matrix[:, motion.constants_columns[motion.constants.place("dvl_scale")]][:, 0]
+    assert -(column @ rows.residual) / (column @ column) == pytest.approx(0.0, abs=0.04)
+
+
 def test_sigmas_are_taken_from_residuals_within_bounds():
     """A sensor twice as noisy says so; one that is perfect is not believed beyond its floor."""
-    motion, acceleration, bottom_track, height, attitude = measured_by_a_true_motion()
+    motion, acceleration, bottom_track, height, _ = measured_by_a_true_motion()
     for factor, floor in ((acceleration, 0.005), (bottom_track, 0.002), (height, 0.001)):
         factor.reestimate(motion)
         assert factor.sigma == floor
@@ -232,8 +317,15 @@ def test_sigmas_are_taken_from_residuals_within_bounds():
     noisy.height = noisy.height + np.random.default_rng(0).normal(0.0, 0.03, len(noisy.height))
     noisy.reestimate(motion)
     assert noisy.sigma == pytest.approx(0.03, rel=0.05)
-    attitude.reestimate(motion)
-    assert np.deg2rad(0.02) <= attitude.sigma <= np.deg2rad(0.3)
+
+
+def test_the_noise_of_a_gyro_is_seen_beneath_the_motion():
+    """Swaying by degrees per second at 0.3 Hz does not hide a noise of 0.06 degrees per second."""
+    random, t = np.random.default_rng(2), np.arange(0.0, 60.0, 0.01)
+    sway = 4.0 * np.sin(2.0 * np.pi * 0.3 * t)[:, None] * [1.0, -0.5, 0.3]
+    noisy = sway + random.normal(0.0, 0.06, (len(t), 3))
+    assert noise_density(t, noisy) == pytest.approx(0.006, rel=0.05)
+    assert noise_density(t, sway) < 1e-5
 
 
 def test_where_a_sensor_measures_nothing_is_presumed():

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from garbi_map.register.normal_equations import RUN, NormalEquations, Run, spline_run
+from garbi_map.register.normal_equations import RUN, NormalEquations, Run, Tail, spline_run
 from garbi_map.register.spline import UniformSpline
 
 
@@ -26,10 +26,34 @@ def test_the_solution_is_that_of_dense_least_squares(size, blocks, seed):
     weight = problem.add(residual, sigma, runs)
     assert weight == pytest.approx(1 / sigma**2)
     expected = np.linalg.lstsq(dense / sigma[:, None], -residual / sigma, rcond=None)[0]
-    assert problem.solve() == pytest.approx(expected, abs=1e-5)
+    assert problem.solve() == pytest.approx(expected, rel=1e-5, abs=1e-5)
     assert problem.covariance() == pytest.approx(
         np.linalg.inv(dense.T @ (dense / sigma[:, None] ** 2)), rel=1e-4, abs=1e-6
     )
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.integers(RUN, 40), st.integers(1, 5), st.integers(0, 2), st.integers(0, 2**32 - 1))
+def test_a_tail_is_as_good_as_columns_of_a_matrix(size, width, blocks, seed):
+    """Rows that also touch a few unknowns at the end, in any order, with or without runs."""
+    random = np.random.default_rng(seed)
+    n, whole = 4 * (size + width), size + width
+    runs = [Run(random.integers(0, size - RUN + 1, n), random.normal(0, 1, (n, RUN))) for _ in range(blocks)]
+    tail = Tail(size + random.permutation(width), random.normal(0, 1, (n, width)))
+    dense = np.zeros((n, whole))
+    for run in runs:
+        np.add.at(dense, (np.arange(n)[:, None], run.start[:, None] + np.arange(RUN)), run.value)
+    dense[:, tail.columns] += tail.value
+    residual, sigma = random.normal(0, 1, n), random.uniform(0.5, 2.0, n)
+    problem = NormalEquations(whole)
+    problem.add(residual, sigma, runs, tail=tail)
+    weighted = dense / sigma[:, None] ** 2
+    assert problem.matrix == pytest.approx(dense.T @ weighted, abs=1e-9)
+    assert problem.vector == pytest.approx(weighted.T @ residual, abs=1e-9)
+    if blocks:
+        assert problem.covariance(tail.columns) == pytest.approx(
+            problem.covariance()[np.ix_(tail.columns, tail.columns)], rel=1e-9, abs=1e-12
+        )
 
 
 def test_an_outlier_pulls_less_the_farther_it_is():

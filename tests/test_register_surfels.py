@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from garbi_map.register import kernels
 from garbi_map.register.surfels import Surfels, extract_surfels, join, match_surfels
+from garbi_map.register.thinning import earliest
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -170,3 +171,34 @@ def test_no_surfels_are_moved_to_no_surfels():
     nothing = some_surfels(np.random.default_rng(0), 0)
     assert len(nothing.moved(np.empty((0, 4, 4))).mean) == 0
     assert all(len(rows) == 0 for rows in match_surfels(nothing, 0.05, np.inf))
+
+
+def test_a_place_that_many_sweeps_saw_is_remembered_a_few_times() -> None:
+    """Of every voxel all surfels of the first sweeps that saw it, whatever their order; every voxel keeps some."""
+    random = np.random.default_rng(5)
+    n = 4000
+    mean = random.uniform(0, 0.3, (n, 3)) * [1, 1, 0.1]
+    surfels = Surfels(mean, np.tile([0.0, 0, 1], (n, 1)), np.zeros(n), random.integers(0, 30, n), np.zeros(n))
+    kept = earliest(surfels, 0.05, 4)
+    voxel = np.unique(np.floor(mean / 0.05).astype(int), axis=0, return_inverse=True)[1].ravel()
+    for place in range(voxel.max() + 1):
+        here = voxel == place
+        first = np.unique(surfels.sweep[here])[:4]
+        assert (kept[here] == np.isin(surfels.sweep[here], first)).all()
+
+
+def test_only_surfels_that_are_asked_are_the_earlier_of_a_pair() -> None:
+    """The pairs are those of all surfels that begin with one that was asked."""
+    random = np.random.default_rng(6)
+    n = 500
+    surfels = Surfels(
+        random.uniform(0, 0.4, (n, 3)) * [1, 1, 0.01],
+        np.tile([0.0, 0, 1], (n, 1)),
+        random.uniform(0, 9, n),
+        random.integers(0, 6, n),
+        np.zeros(n),
+    )
+    asked = random.uniform(size=n) < 0.3
+    every = set(zip(*(part.tolist() for part in match_surfels(surfels, 0.05, np.inf)), strict=True))
+    some = set(zip(*(part.tolist() for part in match_surfels(surfels, 0.05, np.inf, asked)), strict=True))
+    assert some == {(a, b) for a, b in every if asked[a]} and len(some) > 50

@@ -11,11 +11,13 @@ from hypothesis import strategies as st
 from scanned_floor import MOUNTS, PROFILES, RAYS, dive, floor_error, register_dive, true_trajectory
 
 from garbi_map.evaluate import rigid_alignment
+from garbi_map.navigate import navigate
+from garbi_map.navigate.kernels import place_points
 from garbi_map.navigate.settings import NavigateSettings
 from garbi_map.register.motion import Motion, PriorAttitude
 from garbi_map.register.sensors import Sensors
 from garbi_map.register.settings import DriftSettings
-from garbi_map.register.windows import load_scans, split
+from garbi_map.register.windows import load_scans, solve_near, split
 
 LEVEL = PriorAttitude(np.array([0.0]), np.array([[0.0, 0.0, 0.0, 1.0]]))
 
@@ -64,6 +66,24 @@ def test_a_dive_in_two_windows_is_the_dive_in_one(long_dive):
     assert np.linalg.norm(two.position - one.position, axis=1).max() < 0.02
     assert floor_error(long_dive, cut.trajectory) < 1.5 * floor_error(long_dive, true_trajectory(stamps))
     assert (np.diff(cut.trajectory.stamp_ns) > 0).all()
+    ends = [np.sqrt(np.diagonal(each.trajectory.covariance[-1])) for each in (whole, cut)]
+    assert (ends[1] > 0.7 * ends[0]).all(), "a later window inherits what the earlier one is unsure of"
+
+
+def test_a_sweep_that_a_window_cuts_keeps_its_surfels(long_dive):
+    """Whatever sweep a window ends or begins in, as many surfels of each are handed on as of one window."""
+    settings = NavigateSettings()
+    navigated = navigate(long_dive.log, settings, long_dive.store.stamps())
+    epoch = int(long_dive.store.stamps()[0])
+    sensors = Sensors(long_dive.log, navigated.trajectory, navigated.inertial, navigated.attitude, settings, epoch)
+    span = (0.0, float(long_dive.store.stamps()[-1] - epoch) * 1e-9)
+    counts = []
+    for window in (40.0, 20.5):
+        chosen = DriftSettings(window=window, overlap=6.3, surfel_size=0.06, coarse_surfel_size=0.08, surfel_points=6)
+        near = solve_near(long_dive.store, MOUNTS["rig"], sensors, span, chosen, lambda _: None)
+        counts.append(np.bincount(near.surfels.sweep, minlength=len(long_dive.store)))
+    assert counts[0].min() > 30
+    assert counts[1] == pytest.approx(counts[0], rel=0.1)
 
 
 def test_scans_are_thinned_evenly(long_dive):
@@ -93,4 +113,5 @@ def test_placed_points_are_those_of_rotation_and_position(long_dive):
     motion.attitude_control[:] = random.normal(0, 0.5, motion.attitude_control.shape)
     time = scans.time[scans.profile]
     expected = motion.rotation(time).apply(scans.points) + motion.position(time)
-    assert scans.placed(motion) == pytest.approx(expected, abs=1e-12)
+    matrix, position = motion.rotation(scans.time).as_matrix(), motion.position(scans.time)
+    assert place_points(scans.points, scans.profile, matrix, position) == pytest.approx(expected, abs=1e-12)

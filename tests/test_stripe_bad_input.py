@@ -149,4 +149,4 @@ def test_losses_are_counted_and_the_rest_keeps_its_order() -> None:
 
     found = list(detect_all(images(), StripeDetector(StripeSettings()), None, 2, losses))
     assert [stripe.stamp_ns for stripe in found] == [0, 2, 4, 7]
-    assert losses.lines() == ["1 images: a damaged JPEG", "2 images: empty", "1 images: neither JPEG nor PNG"]
+    assert losses.lines() == ["1 image: a damaged JPEG", "2 images: empty", "1 image: neither JPEG nor PNG"]

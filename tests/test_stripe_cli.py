@@ -57,7 +57,7 @@ def test_the_table_holds_every_row_of_every_usable_image(log: Path, tmp_path: Pa
     """Columns as documented, near the truth; the lost image is named and the exit status is 3."""
     status, output = run(log, "-o", tmp_path / "s.parquet")
     assert status == 3
-    assert "left out: 1 images: a damaged JPEG" in output
+    assert "left out: 1 image: a damaged JPEG" in output
     table = pq.read_table(tmp_path / "s.parquet")
     assert table.column_names == ["stamp_ns", "row", "u", "sigma", "intensity"]
     stamp = table["stamp_ns"].to_numpy()

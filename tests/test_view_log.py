@@ -13,7 +13,7 @@ from garbi_map.errors import GarbiError
 from garbi_map.log import open_log
 from garbi_map.view import style
 from garbi_map.view.log_view import stream_log
-from garbi_map.view.show import recording_of, save_log
+from garbi_map.view.show import Wishes, recording_of, save_log
 from garbi_map.view.stream import new_recording
 from garbi_map.view.viewer import check_recording, viewer
 from tests.sample_log import write_sample
@@ -31,7 +31,7 @@ def rows(content: dict[str, dict[str, list]], path: str, column: str) -> list:
 
 def test_a_log_s_profiles_lie_on_the_seabed(dive: Path, tmp_path: Path) -> None:
     """Found in the images, by the encoder's angle, turned into the vehicle's frame: the plane that was painted."""
-    assert save_log(dive, Config(), None, tmp_path / "log.rrd") == []
+    assert save_log(dive, Wishes(), tmp_path / "log.rrd") == []
     content = recorded(tmp_path / "log.rrd")
     assert len(rows(content, style.IMAGE, "EncodedImage:blob")) == IMAGES
     profiles = rows(content, style.PROFILE.path, "Points3D:positions")
@@ -45,7 +45,7 @@ def test_a_log_s_profiles_lie_on_the_seabed(dive: Path, tmp_path: Path) -> None:
 
 def test_depth_is_that_of_the_pressure(dive: Path, tmp_path: Path) -> None:
     """Ten metres of water above the air."""
-    save_log(dive, Config(), None, tmp_path / "log.rrd")
+    save_log(dive, Wishes(), tmp_path / "log.rrd")
     depth = np.array(rows(recorded(tmp_path / "log.rrd"), style.DEPTH.path, "Scalars:scalars"))
     np.testing.assert_allclose(depth, 10.0, atol=1e-9)
 
@@ -61,7 +61,7 @@ def test_the_first_images_come_at_once(dive: Path) -> None:
 def test_what_can_be_shown_is_shown(tmp_path: Path, missing: str) -> None:
     """A log without images, attitude, encoder or navigation still opens, its rig and its images unusable as they are."""
     log = write_sample(tmp_path / "log.mcap", skip=(missing,))
-    lost = save_log(log, Config(), None, tmp_path / "log.rrd")
+    lost = save_log(log, Wishes(), tmp_path / "log.rrd")
     assert any("rig.yaml" in line for line in lost)
     content = recorded(tmp_path / "log.rrd")
     assert any("images: neither JPEG nor PNG" in line for line in lost) == (missing != "image")

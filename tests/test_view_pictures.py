@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from garbi_map.config import Config
+from behaviours.decisions import DecisionWriter
 from garbi_map.view import record_map, style
-from garbi_map.view.show import save_log
+from garbi_map.view.show import Wishes, save_log
+from tests.test_view_decisions import TICKS, decision
 from tests.view_scene import IMAGES, PERIOD_NS, START, make_scene
 from tools.headless import HeadlessViewer, headless
 
@@ -24,8 +25,18 @@ def recordings(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     folder = tmp_path_factory.mktemp("pictures")
     scene = make_scene(folder)
     record_map(folder / "map.rrd", scene.dive, scene.store, scene.built, scene.mesh)
-    assert save_log(scene.log, Config(), None, folder / "log.rrd") == []
+    assert save_log(scene.log, Wishes(), folder / "log.rrd") == []
     return folder / "map.rrd", folder / "log.rrd"
+
+
+@pytest.fixture(scope="module")
+def of_decisions(tmp_path_factory: pytest.TempPathFactory) -> Iterator[HeadlessViewer]:
+    folder = tmp_path_factory.mktemp("decisions")
+    with DecisionWriter(folder / "decisions.mcap") as writer:
+        for number in range(TICKS):
+            writer.write(decision(number))
+    assert save_log(folder / "decisions.mcap", Wishes(), folder / "decisions.rrd") == []
+    yield from opened(folder / "decisions.rrd")
 
 
 def opened(recording: Path) -> Iterator[HeadlessViewer]:
@@ -113,3 +124,19 @@ def test_a_log_shows_vehicle_profile_and_stripe(of_log: HeadlessViewer, tmp_path
     assert near(vehicle, style.PROFILE.colour, 120) > 200
     camera = seen(of_log, tmp_path / "camera.png", LATE, "Camera, with the stripe as found")
     assert near(camera, style.OURS) > 100
+
+
+def test_a_decision_shows_who_wants_what(of_decisions: HeadlessViewer, tmp_path: Path) -> None:
+    """Before something moves ahead: travel's arrow, the command, the safe set; after: the ball, and avoidance's arrow."""
+    assert of_decisions.reports() == []
+    assert [path for path, placed in of_decisions.frames().items() if not placed] == []
+    begin, end = of_decisions.span_ns
+    tab = "Surroundings, the vehicle stands still"
+    before = seen(of_decisions, tmp_path / "before.png", begin + (end - begin) // 10, tab)
+    after = seen(of_decisions, tmp_path / "after.png", end - (end - begin) // 10, tab)
+    for picture in (before, after):
+        assert near(picture, style.HULL) > 1000
+        assert near(picture, style.SAFE.colour, 90) > 100
+        assert near(picture, style.COMMAND.colour, 90) > 50
+    alarm = [near(picture, style.MOVING.colour, 100) for picture in (before, after)]
+    assert alarm[0] < 30 and alarm[1] > 300

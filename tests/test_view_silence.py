@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from garbi_map.log import Encoder, Navigation
-from garbi_map.view.silence import Silence
+from garbi_map.view.silence import Gap, Silence
 
 SECOND = 1_000_000_000
 
@@ -15,10 +15,10 @@ def gaps_of(stamps: np.ndarray, window: int, end: int) -> list[tuple[int, str]]:
     """What is found when an encoder with these stamps is read window by window."""
     navigation = Navigation(encoder=Encoder(stamps, stamps, np.zeros(len(stamps))))
     silence = Silence()
-    found = []
+    found: list[Gap] = []
     for begin in range(0, end, window):
         found += silence.gaps(navigation, begin, begin + window)
-    return [*found, *silence.ends(end)]
+    return [(gap.begin_ns, gap.line) for gap in [*found, *silence.ends(end)]]
 
 
 @pytest.mark.parametrize("window", [SECOND, 3 * SECOND, 20 * SECOND])
@@ -47,5 +47,6 @@ def test_images_are_watched_too() -> None:
     silence = Silence()
     for stamp in [*range(0, SECOND, 50_000_000), *range(2_950_000_000, 4 * SECOND, 50_000_000)]:
         silence.image(stamp)
-    assert list(silence.gaps(Navigation(), 0, 4 * SECOND)) == [(950_000_000, "images: nothing for 2.0 s")]
+    gap = Gap(950_000_000, 2_950_000_000, "images", "images: nothing for 2.0 s")
+    assert list(silence.gaps(Navigation(), 0, 4 * SECOND)) == [gap]
     assert silence.images == 41

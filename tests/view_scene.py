@@ -15,7 +15,7 @@ from garbi_map.config import Config
 from garbi_map.dive import Dive, Map
 from garbi_map.log import Image, LogWriter, Mount, open_log
 from garbi_map.navigate import NavigationResult, Trajectory
-from garbi_map.register import Registered
+from garbi_map.register import Agreement, Registered
 from garbi_map.register.drift import Round
 from garbi_map.rig import Rig
 from garbi_map.seabed import Mesh, build_seabed, triangulate
@@ -69,7 +69,7 @@ def make_scene(folder: Path) -> Scene:
         rounds=[[Round(1.0, 10, 0.002, 0.1)]],
         graph_step=np.zeros(2),
         loops=1,
-        disagreement=(0.02, 0.001),
+        agreement=Agreement(np.zeros((1, 2), np.float32), np.float32([0.02]), np.float32([0.001]), (-11.0, -12.0)),
         constants={},
     )
     mesh = triangulate(seabed, widest_hole=0.05)

@@ -24,6 +24,8 @@ needed=$missing
 # pictures without a screen; the tests that look at pictures skip where this is not to be had
 need libvulkan_lvp.so mesa-vulkan-drivers
 need libxkbcommon-x11.so.0 libxkbcommon-x11-0
+# the test of the page for browsers; Ubuntu's package of this name is a snap, which containers cannot run
+grep -qs '^ID=debian' /etc/os-release && ! command -v chromium >/dev/null && missing="$missing chromium"
 
 if [ "$(id -u)" -eq 0 ]; then as_root=""; elif sudo -n true 2>/dev/null; then as_root="sudo"; else as_root=none; fi
 command -v apt-get >/dev/null || as_root=none

@@ -7,6 +7,7 @@ import numpy as np
 from garbi_map.calibrate.camera import CameraCalibration
 from garbi_map.calibrate.laser import LaserCalibration, latency_observable
 from garbi_map.calibrate.settings import CalibrateSettings
+from garbi_map.calibrate.sheet_test import SheetAt, bent
 
 CELLS = (6, 4)  # of the image, for coverage
 
@@ -45,7 +46,7 @@ def camera_advice(found: CameraCalibration) -> list[str]:
     return lines
 
 
-def laser_advice(found: LaserCalibration, settings: CalibrateSettings) -> list[str]:
+def laser_advice(found: LaserCalibration, sheets: list[SheetAt], settings: CalibrateSettings) -> list[str]:
     """Advice on a laser's calibration; empty where there is none to give."""
     lines = []
     far = found.distances
@@ -70,6 +71,10 @@ def laser_advice(found: LaserCalibration, settings: CalibrateSettings) -> list[s
             lines.append(
                 "the laser turned one way only: the encoder's latency cannot be told from delta; sweep both ways"
             )
+    if bent(sheets) and found.laser.window is None:
+        lines.append(
+            "the sheet is not a plane, whatever the residuals: it leaves its housing through a window; give laser.window"
+        )
     if found.hold_out_px > 1.5 * found.adjusted.stripe_sigma:
         lines.append(
             "images that were not fitted fit worse: is the sheet a plane? Give laser.window if it leaves a housing"

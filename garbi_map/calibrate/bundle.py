@@ -6,7 +6,7 @@ target's poses and, with a prior, the camera's own uncertainty.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -80,7 +80,8 @@ class Prior:
 class Adjusted:
     """What came out.
 
-    free, covariance   names, and their (k, k) with everything else marginalised
+    free, covariance   names, and their (k, k) with everything else marginalised, to first order: what propagates
+    bend               (k, k) to be added for the parameters' own errors: see Bundle.bend
     corner, stripe     residuals (n, 2) and (s,) px, of all observations
     corner_good, stripe_good   (n,) and (s,): which were used
     corner_sigma, stripe_sigma   px, as estimated; the stripe's includes what the rows of an image have in common
@@ -90,6 +91,7 @@ class Adjusted:
     poses: Poses
     free: tuple[str, ...]
     covariance: Floats
+    bend: Floats
     corner: Floats
     stripe: Floats
     corner_good: NDArray[np.bool_]
@@ -100,7 +102,12 @@ class Adjusted:
     def sigma(self, name: str) -> float:
         """1 sigma of a free parameter, in its unit."""
         at = self.free.index(name)
-        return float(np.sqrt(self.covariance[at, at]))
+        return float(np.sqrt(self.own_covariance[at, at]))
+
+    @property
+    def own_covariance(self) -> Floats:
+        """(k, k) of the parameters' own errors, to second order."""
+        return self.covariance + self.bend
 
 
 @dataclass
@@ -132,10 +139,43 @@ class Bundle:
                     np.abs(stripe) < OUTLIER * self.sigma[1],
                 )
         self._share_of_images(stripe, good[1])
-        _, jacobian = self._problem(good)
-        covariance = covariance_of(jacobian(x))[: len(self.free), : len(self.free)]
+        evaluate, jacobian = self._problem(good)
+        slope = jacobian(x)
+        everything = covariance_of(slope)
         scanner, poses = self._at(x)
-        return Adjusted(scanner, poses, self.free, covariance, corner, stripe, *good, *self.sigma)
+        count = len(self.free)
+        return Adjusted(
+            scanner,
+            poses,
+            self.free,
+            everything[:count, :count],
+            self.bend(evaluate, slope, x, everything),
+            corner,
+            stripe,
+            *good,
+            *self.sigma,
+        )
+
+    def bend(self, evaluate: Callable[[Floats], Floats], slope: csr_array, x: Floats, covariance: Floats) -> Floats:
+        """What the free parameters' (k, k) mean squared error has beyond first order.
+
+        Along a weakly determined direction (beta, theta and gamma are nearly one) the valley of the cost is curved: a
+        step of t sigmas along it brings c t^2 in the others, c = -C J' r'' / 2 with r'' the residuals' second
+        difference over one sigma; so 2 sum c c' + (sum c)(sum c)' for independent t (Beale, J. R. Stat. Soc. B 22,
+        1960, is about that curvature). Points in space follow the valley, and know little of it.
+        """
+        count = len(self.free)
+        own = covariance[:count, :count]
+        if not count or not np.isfinite(own).all():
+            return np.zeros((count, count))
+        scale = np.sqrt(np.diag(own))
+        values, vectors = np.linalg.eigh(own / scale[:, None] / scale)
+        steps = scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+        steps = covariance[:, :count] @ np.linalg.lstsq(own, steps)[0]  # the poses come along
+        middle = 2.0 * evaluate(x)
+        second = np.stack([evaluate(x + step) + evaluate(x - step) - middle for step in steps.T], axis=1)
+        shift = -0.5 * (covariance @ (slope.T @ second))[:count]
+        return np.asarray(2.0 * shift @ shift.T + np.outer(shift.sum(axis=1), shift.sum(axis=1)))
 
     @property
     def _stripe_count(self) -> int:

@@ -77,7 +77,7 @@ def camera_document(found: CameraCalibration, known: Known | None) -> str:
         "left_out": int((~found.adjusted.corner_good).sum()),
         "rms_px": found.in_sample,
         "hold_out_px": found.hold_out,
-        **_covariance(found.adjusted.free, found.adjusted.covariance),
+        **_covariance(found.adjusted.free, found.adjusted.own_covariance),
     }
     section = kept | camera_entries(found.camera) | {"calibration": entries}
     return dump({"camera": section} | {key: value for key, value in document.items() if key != "camera"})
@@ -99,7 +99,7 @@ def laser_document(found: LaserCalibration, known: Known) -> str:
         "hold_out_px": found.hold_out_px,
         "encoder_latency_s": found.scanner.latency,
         "sigma_m_at_depth": {f"{spread.depth:g}": spread.rms for spread in found.spreads},
-        **_covariance(found.adjusted.free, found.adjusted.covariance),
+        **_covariance(found.adjusted.free, found.adjusted.own_covariance),
     }
     laser = kept | laser_entries(found.laser) | {"calibration": entries}
     camera = known.document["camera"] | camera_entries(found.scanner.camera)

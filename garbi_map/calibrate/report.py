@@ -8,12 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from garbi_map.calibrate.advice import coverage
+from garbi_map.calibrate.advice import CELLS, coverage
 from garbi_map.calibrate.bundle import Adjusted
 from garbi_map.calibrate.camera import CameraCalibration
 from garbi_map.calibrate.files import write_aside
 from garbi_map.calibrate.laser import LaserCalibration
 from garbi_map.calibrate.scanner import unit_of
+from garbi_map.calibrate.sheet_test import SheetAt, sheet_lines
 from garbi_map.log.records import Floats
 
 MAGNIFIED = 40.0  # residual vectors, times
@@ -50,11 +51,15 @@ def write_camera_report(folder: Path, found: CameraCalibration, losses: Sequence
     _write(folder, "Camera calibration", parts)
 
 
-def write_laser_report(folder: Path, found: LaserCalibration, losses: Sequence[str], advice: Sequence[str]) -> None:
+def write_laser_report(
+    folder: Path, found: LaserCalibration, sheets: list[SheetAt], losses: Sequence[str], advice: Sequence[str]
+) -> None:
     """Write report.html into a folder, complete or not at all. Raises GarbiError."""
     stripes, adjusted = found.stripes, found.adjusted
     size = found.scanner.camera.width, found.scanner.camera.height
     place = np.column_stack([stripes.u, stripes.v])
+    columns, rows = CELLS
+    counts, _, _ = np.histogram2d(stripes.v, stripes.u, bins=(rows, columns), range=[[0, size[1]], [0, size[0]]])
     along = np.column_stack([adjusted.stripe, np.zeros(len(place))])
     parts = [
         f"<p>{len(found.views)} poses of the target, {len(place)} points of the stripe: "
@@ -63,12 +68,15 @@ def write_laser_report(folder: Path, found: LaserCalibration, losses: Sequence[s
         _advice(advice, losses),
         f"<h2>Residuals, columns, magnified {MAGNIFIED:g} times</h2>",
         _vectors(place, along, adjusted.stripe_good, size),
+        "<h2>Coverage: points of the stripe per part of the image</h2>",
+        _cells(counts, "{:.0f}"),
         "<h2>Distances of the stripe</h2>",
         _ticks(found.distances),
         "<h2>Uncertainty of a point across the image, mm, 1 sigma</h2>",
     ]
     for spread in found.spreads:
         parts += [f"<h3>At {spread.depth:g} m: {1e3 * spread.rms:.2f} mm</h3>", _cells(1e3 * spread.sigma, "{:.2f}")]
+    parts += ["<h2>Is the sheet a plane?</h2>", *(f"<p>{escape(line)}</p>" for line in sheet_lines(sheets))]
     parts += ["<h2>Parameters</h2>", _parameters(adjusted)]
     _write(folder, "Laser calibration", parts)
 

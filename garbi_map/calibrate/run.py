@@ -13,15 +13,11 @@ from garbi_map.calibrate.laser import LaserCalibration, calibrate_laser
 from garbi_map.calibrate.observe import images_of_files, images_of_log, pictures_of, sweeps_of
 from garbi_map.calibrate.report import write_camera_report, write_laser_report
 from garbi_map.calibrate.settings import CalibrateSettings
+from garbi_map.calibrate.sheet_test import SheetAt, sheets_of
 from garbi_map.calibrate.targets import load_target
-from garbi_map.config import Config, load_config
+from garbi_map.config import load_config
 from garbi_map.errors import GarbiError
 from garbi_map.log import open_log
-
-
-def settings_of(config: Config) -> CalibrateSettings:
-    """The section `calibrate` of a configuration, or the defaults."""
-    return getattr(config, "calibrate", None) or CalibrateSettings()
 
 
 def camera(
@@ -37,7 +33,7 @@ def camera(
 ) -> tuple[CameraCalibration, list[str], list[str]]:
     """Calibrate a camera and write its rig file; returns it with what was left out, and advice. Raises GarbiError."""
     config = load_config(config_file)
-    settings, target = settings_of(config), load_target(target_file)
+    settings, target = config.calibrate, load_target(target_file)
     known = None if rig is None else files.read_known(rig)
     start = files.read_camera_info(camera_info) if camera_info is not None else known.camera if known else None
     losses: list[str] = []
@@ -74,13 +70,14 @@ def laser(
     motor: bool = True,
     report: Path | None = None,
     config_file: Path | None = None,
-) -> tuple[LaserCalibration, list[str], list[str]]:
-    """Calibrate a laser and write the rig file; returns it with what was left out, and advice. Raises GarbiError."""
+) -> tuple[LaserCalibration, list[SheetAt], list[str], list[str]]:
+    """Calibrate a laser and write the rig file; returns it with what shape its sheet has, what was left out, and
+    advice. Raises GarbiError."""
     config = load_config(config_file)
     methods = get_args(CalibrateSettings.model_fields["method"].annotation)
     if method not in methods:
         raise GarbiError(f"method {method}: there are {', '.join(methods)}")
-    settings = settings_of(config).model_copy(update={"method": method})
+    settings = config.calibrate.model_copy(update={"method": method})
     target = load_target(target_file)
     known = files.read_known(rig)
     log = open_log([log_file], config.log)
@@ -98,10 +95,11 @@ def laser(
         free,
         known.prior if method == "refined" else None,
     )
-    advice = laser_advice(found, settings)
+    sheets = sheets_of(found)
+    advice = laser_advice(found, sheets, settings)
     losses = [*log.losses, *sweeps.losses]
     text = files.laser_document(found, known)
     if report is not None:
-        write_laser_report(report, found, losses, advice)
+        write_laser_report(report, found, sheets, losses, advice)
     files.write_aside(output, text.encode())
-    return found, losses, advice
+    return found, sheets, losses, advice

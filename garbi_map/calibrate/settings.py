@@ -30,7 +30,7 @@ class CalibrateSettings(Settings):
     target_images: int = Field(default=9, ge=3, description="images of a sweep in which the target is looked for")
     max_motion: float = Field(default=0.5, gt=0, description="a sweep in which the target moves more is left out, px")
     least_stripe: int = Field(default=12, ge=3, description="rows that an image must show of the stripe on the target")
-    most_stripe_points: int = Field(default=6000, ge=100, description="more are thinned out evenly")
+    most_stripe_points: int = Field(default=20000, ge=100, description="more are thinned out evenly")
     max_stripe_noise: float = Field(
         default=2.0, gt=0, description="a laser that fits the stripes worse is refused, rms px"
     )

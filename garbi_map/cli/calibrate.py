@@ -42,6 +42,9 @@ def camera(
     typer.echo(
         f"{len(found.views)} views: {found.in_sample:.3f} px rms per corner, {found.hold_out:.3f} on corners held out"
     )
+    typer.echo(f"solved for: {', '.join(found.adjusted.free)}")
+    held = [name for name in found.adjusted.scanner.values() if name not in found.adjusted.free]
+    typer.echo(f"held: {', '.join(held) or 'nothing'}")
     _end(losses, advice, output)
 
 
@@ -65,14 +68,19 @@ def laser(
 ) -> None:
     """The sheet's parameters from the stripe on a target, with what they leave uncertain."""
     from garbi_map.calibrate import run
+    from garbi_map.calibrate.sheet_test import sheet_lines
 
-    found, losses, advice = run.laser(log, target, rig, output, free or [], method, motor, report, config)
+    found, sheets, losses, advice = run.laser(log, target, rig, output, free or [], method, motor, report, config)
     typer.echo(
         f"{len(found.views)} poses of the target, {int(found.adjusted.stripe_good.sum())} points: "
         f"{1e3 * found.rms:.2f} mm rms off the sheet, {1e3 * found.hold_out:.2f} on images held out"
     )
     for spread in found.spreads:
         typer.echo(f"at {spread.depth:g} m: {1e3 * spread.rms:.2f} mm, 1 sigma over the image")
+    for line in sheet_lines(sheets):
+        typer.echo(line)
+    held = [name for name in found.scanner.values() if name not in found.adjusted.free]
+    typer.echo(f"held: {', '.join(held) or 'nothing'}")
     _end(losses, advice, output)
 
 

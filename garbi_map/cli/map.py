@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated
 
@@ -21,16 +22,24 @@ def map_(
     workers: Annotated[int, typer.Option(min=1, help="Threads that decode images and find stripes.")] = 2,
     begin: Annotated[float | None, typer.Option("--from", help="Begin this many seconds into the log.")] = None,
     end: Annotated[float | None, typer.Option("--to", help="End this many seconds into the log.")] = None,
+    view: Annotated[
+        bool, typer.Option("--view", help="Watch it grow in Rerun, then look at the finished map.")
+    ] = False,
 ) -> None:
     """Build a seabed map from a recorded dive."""
     from garbi_map.cli.watch import Watch
     from garbi_map.config import load_config
     from garbi_map.pipeline import build_map
+    from garbi_map.progress import unseen
+    from garbi_map.view.live import watched
 
-    with Watch() as progress:
-        losses = build_map(logs, out, load_config(config), rig, (begin, end), workers, progress)
+    settings = load_config(config)
+    with ExitStack() as opened:
+        show = opened.enter_context(watched(logs[0].stem, out)) if view else unseen
+        with Watch() as progress:
+            losses = build_map(logs, out, settings, rig, (begin, end), workers, progress, show)
+        typer.echo(f"{out}: the map is finished; {out / 'report.html'} says how good it is")
     for line in losses:
         typer.echo(f"left out: {line}", err=True)
-    typer.echo(f"{out}: the map is finished; {out / 'report.html'} says how good it is")
     if losses:
         raise typer.Exit(3)

@@ -40,6 +40,7 @@ def stripe(
     from garbi_map.stripe.overlay import write_overlays
     from garbi_map.stripe.table import write_stripes
     from garbi_map.sweep import laser_angle
+    from garbi_map.words import many
 
     if output is None and overlay is None and learn is None:
         raise typer.BadParameter("nothing to do: give -o FILE, --overlay DIR or --learn OUT.yaml")
@@ -72,7 +73,7 @@ def stripe(
         losses = ImageLosses()
         with written_aside(output) as aside:
             images, rows = write_stripes(aside, detect_all(log.images(), detector, alpha_of, workers, losses))
-        typer.echo(f"{output}: {rows} rows of {images} images")
+        typer.echo(f"{output}: {many(rows, 'row')} of {many(images, 'image')}")
     left_out = [*log.losses, *losses.lines()]
     for line in left_out:
         typer.echo(f"left out: {line}", err=True)

@@ -23,6 +23,7 @@ def sweep(
     from garbi_map.rig import load_rig, parse_rig
     from garbi_map.stripe import ImageLosses, StripeDetector, detect_all
     from garbi_map.sweep import SweepLosses, laser_angle, make_sweeps, write_sweeps
+    from garbi_map.words import many
 
     settings = load_config(config)
     source = open_log(log, settings.log)
@@ -40,6 +41,6 @@ def sweep(
     losses = [*source.losses, *image_losses.lines(), *sweep_losses.lines()]
     for line in losses:
         typer.echo(f"left out: {line}", err=True)
-    typer.echo(f"{written} sweeps in {output}")
+    typer.echo(f"{many(written, 'sweep')} in {output}")
     if losses:
         raise typer.Exit(3)

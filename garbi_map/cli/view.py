@@ -12,7 +12,10 @@ from garbi_map.cli.app import app
 
 @app.command("view")
 def view(
-    path: Annotated[Path, typer.Argument(help="A log, a finished map, or a recording.", show_default=False)],
+    path: Annotated[
+        Path,
+        typer.Argument(help="A log, the decisions of a replay, a finished map, or a recording.", show_default=False),
+    ],
     web: Annotated[bool, typer.Option("--web", help="Serve a page for a browser instead of opening a window.")] = False,
     port: Annotated[int, typer.Option(min=1, max=65535, help="Where --web serves it, to this machine.")] = 9090,
     save: Annotated[Path | None, typer.Option(help="Write a log as a recording instead of showing it.")] = None,
@@ -21,9 +24,8 @@ def view(
     rig: Annotated[Path | None, typer.Option(help="rig.yaml; wins over the one attached to the log.")] = None,
     config: Annotated[Path | None, typer.Option(help="Configuration (YAML).")] = None,
 ) -> None:
-    """Look at a log or at a finished map in Rerun."""
-    from garbi_map.config import load_config
-    from garbi_map.view.show import recording_of, save_log, show_log, show_recording
+    """Look at a log, at what behaviours decided, or at a finished map in Rerun."""
+    from garbi_map.view.show import Wishes, recording_of, save_log, show_log, show_recording
 
     recording = recording_of(path)
     if recording is not None:
@@ -33,10 +35,8 @@ def view(
             )
         show_recording(recording, web, port)
         return
-    settings = load_config(config)
-    changes = {"every": every or settings.view.every, "images": settings.view.images and not no_images}
-    settings = settings.model_copy(update={"view": settings.view.model_copy(update=changes)})
-    lost = save_log(path, settings, rig, save) if save else show_log(path, settings, rig, web, port)
+    wishes = Wishes(config, rig, every, no_images)
+    lost = save_log(path, wishes, save) if save else show_log(path, wishes, web, port)
     for line in lost:
         typer.echo(f"left out: {line}", err=True)
     if save:

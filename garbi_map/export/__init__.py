@@ -2,6 +2,7 @@
 
 from garbi_map.aside import write_text, written_aside
 from garbi_map.export.cloud import CloudWriter
+from garbi_map.export.drift import correction
 from garbi_map.export.georeference import Georeference
 from garbi_map.export.glb import write_glb
 from garbi_map.export.hillshade import write_hillshade
@@ -10,6 +11,8 @@ from garbi_map.export.report import Quantity, Report, Source, Span, Topic, descr
 from garbi_map.export.report_html import write_report_html
 from garbi_map.export.settings import ExportSettings
 from garbi_map.export.trajectory import write_trajectory
+from garbi_map.export.verdict import plain_verdict
+from garbi_map.export.weak import weak_places
 
 __all__ = [
     "CloudWriter",
@@ -20,7 +23,10 @@ __all__ = [
     "Source",
     "Span",
     "Topic",
+    "correction",
     "describe_seabed",
+    "plain_verdict",
+    "weak_places",
     "write_glb",
     "write_hillshade",
     "write_report_html",

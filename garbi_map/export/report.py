@@ -50,12 +50,14 @@ class Span(_Part):
     lane: str
     begin_s: float
     end_s: float
-    state: Literal["good", "lost"] = "good"
+    state: Literal["good", "lost", "absent"] = "good"
 
 
 class Report(_Part):
     """Everything that report.json holds.
 
+    verdict        what the map is worth, in plain sentences
+    weak           one line for each way in which the map is weak, and where
     counts         what was read and kept, in the order of the flow: images, stripes, profiles, sweeps, points, accepted
     rejected       points left out, by reason
     left_out       one line for everything that was in the log and is not in the map
@@ -68,6 +70,8 @@ class Report(_Part):
     title: str
     created: str = Field(description="ISO 8601, UTC")
     source: Source
+    verdict: str = ""
+    weak: list[str] = []
     counts: dict[str, int]
     rejected: dict[str, int]
     left_out: list[str] = []

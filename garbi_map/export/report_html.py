@@ -3,61 +3,84 @@
 from __future__ import annotations
 
 from base64 import b64encode
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from html import escape
 from importlib.resources import files
 from pathlib import Path
+from shlex import quote
 from string import Template
 from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
 from garbi_map.aside import write_text
-from garbi_map.export import figures
+from garbi_map.export import figures, maps
+from garbi_map.export.axes import WIDTH
+from garbi_map.export.drift import Correction, correction, draw_correction, draw_steps
 from garbi_map.export.hillshade import fitted, hillshade, png
 from garbi_map.export.report import Quantity, Report, checked
 from garbi_map.export.settings import ExportSettings
+from garbi_map.export.verdict import numbers
+from garbi_map.export.weak import holes_inside, outline, sweeps_about
 from garbi_map.navigate.trajectory import Trajectory
-from garbi_map.seabed.types import Seabed
+from garbi_map.register import ENTROPY_RADIUS, Agreement, Registered
+from garbi_map.seabed import Seabed, fill_holes
+from garbi_map.words import angle, length, many
 
 _MOST_LINES = 200
+_HILLSHADE_PIXELS = 1200
+_DEPTH_PIXELS = 1000
 
 
 def write_report_html(
     path: Path,
     report: Report | dict[str, Any],
     seabed: Seabed,
-    trajectory: Trajectory,
+    registered: Registered,
+    navigation: Trajectory,
     settings: ExportSettings | None = None,
 ) -> None:
     """Write report.html, complete or not at all; every string of the report is escaped.
 
-    Figures: the map, coverage and uncertainty as maps, the uncertainty's histogram, depth along the path, timeline.
+    navigation: the navigation filter's trajectory, against which the drift is told.
+    The verdict comes first, then the map, where it is weak, the drift found, how well sweeps agree, and the rest.
 
     Raises GarbiError where the report does not fit its model or the file cannot be written.
     """
     own = checked(report)
     settings = settings or ExportSettings()
     begin = datetime.fromtimestamp(own.source.begin_ns / 1e9, UTC)
+    found = correction(navigation, registered.trajectory)
     page = Template((files("garbi_map.export") / "report_template.html").read_text(encoding="utf-8"))
     text = page.substitute(
         title=escape(own.title),
-        subtitle=escape(f"{begin:%Y-%m-%d %H:%M:%S} UTC, {own.source.duration_s:.1f} s"),
+        subtitle=escape(
+            f"{begin:%Y-%m-%d %H:%M:%S} UTC, {own.source.duration_s:.1f} s, {many(own.source.images, 'image')}"
+        ),
         paths="".join(f"<code>{escape(name)}</code> " for name in own.source.paths),
-        tiles=_tiles(own, seabed),
+        verdict=escape(own.verdict),
+        tiles=_tiles(numbers(seabed, registered.agreement, found)),
+        folder=escape(quote(str(path.parent))),
+        viewer=escape(own.versions.get("rerun-sdk", "")),
         left_out=_left_out(own.left_out),
-        hillshade=_image(hillshade(seabed, settings, own.title), "Relief, shaded, coloured by depth"),
-        coverage=_image(_tinted(seabed.density, seabed, settings), "Points per cell"),
-        most_points=f"{_strong(seabed.density, seabed):.0f}",
-        doubt=_image(_tinted(1e3 * seabed.uncertainty, seabed, settings), "Uncertainty per cell"),
-        most_doubt=f"{_strong(1e3 * seabed.uncertainty, seabed):.2g}",
-        depth=_depth(seabed, trajectory),
-        uncertainty=figures.histogram("Uncertainty", 1e3 * seabed.uncertainty[seabed.known], "1 sigma of a cell, mm"),
+        hillshade=_hillshade(seabed, settings, own.title),
+        weak=_weak(own.weak),
+        **_maps(seabed, settings),
+        **_drift(found, registered, own),
+        **_agreement(registered.agreement, seabed),
+        depth=_depth(seabed, registered.trajectory, own.source.begin_ns, settings.widest_hole),
+        uncertainty=figures.histogram(
+            "Uncertainty",
+            1e3 * seabed.uncertainty[seabed.known],
+            "1 sigma of a cell, mm",
+            WIDTH if maps.wide(seabed) else WIDTH // 2,
+        ),
         timeline=figures.timeline("Timeline", [(s.lane, s.begin_s, s.end_s, s.state) for s in own.timeline]),
         counts=_table(own.counts),
         rejected=_table(own.rejected),
+        entropy_radius=length(ENTROPY_RADIUS),
         residuals=_quantities(own.residuals),
         uncertainties=_quantities(own.uncertainties),
         timings=_timings(own.timings_s),
@@ -76,58 +99,116 @@ def write_report_html(
     write_text(path, text)
 
 
-def _tiles(report: Report, seabed: Seabed) -> str:
-    median = 1e3 * float(np.median(seabed.uncertainty[seabed.known]))
-    shown = (
-        (f"{seabed.area:.3g} m²", f"mapped, in cells of {1e3 * seabed.cell:g} mm"),
-        (f"{int(seabed.density.sum()):,}", "points of the seabed"),
-        (f"{median:.2g} mm", "median uncertainty of a cell, 1 sigma"),
-        (f"{report.source.images:,}", f"images in {report.source.duration_s:.0f} s"),
-    )
+def _tiles(shown: Sequence[tuple[str, str]]) -> str:
     return "".join(f"<div class=tile><b>{escape(value)}</b><span>{escape(what)}</span></div>" for value, what in shown)
+
+
+def _items(lines: Sequence[str]) -> str:
+    items = "".join(f"<li>{escape(line)}</li>" for line in lines[:_MOST_LINES])
+    more = f"<p>and {len(lines) - _MOST_LINES:,} more, see report.json</p>" if len(lines) > _MOST_LINES else ""
+    return f"<ul>{items}</ul>{more}"
 
 
 def _left_out(lines: list[str]) -> str:
     if not lines:
         return "<p class=fine>Nothing that was in the log was left out.</p>"
-    items = "".join(f"<li>{escape(line)}</li>" for line in lines[:_MOST_LINES])
-    more = f"<p>and {len(lines) - _MOST_LINES} more, see report.json</p>" if len(lines) > _MOST_LINES else ""
-    return f"<div class=lost><h2>Left out</h2><ul>{items}</ul>{more}</div>"
+    return f"<div class=lost><h2>Left out or missing</h2>{_items(lines)}</div>"
 
 
-def _image(picture: NDArray[np.uint8], caption: str) -> str:
-    data = b64encode(png(picture)).decode()
-    return f'<img alt="{escape(caption)}" src="data:image/png;base64,{data}">'
+def _weak(lines: list[str]) -> str:
+    return _items(lines) if lines else "<p>Nowhere: it is evenly sure, seen more than once and without holes.</p>"
 
 
-def _strong(band: NDArray, seabed: Seabed) -> float:
-    """The value that is drawn at full strength: the 95th percentile."""
-    return float(np.percentile(band[seabed.known], 95))
+def _hillshade(seabed: Seabed, settings: ExportSettings, title: str) -> str:
+    fewer = settings.model_copy(update={"hillshade_pixels": min(settings.hillshade_pixels, _HILLSHADE_PIXELS)})
+    data = b64encode(png(hillshade(seabed, fewer, title))).decode()
+    return f'<img alt="Relief, shaded, coloured by depth" src="data:image/png;base64,{data}">'
 
 
-def _tinted(band: NDArray, seabed: Seabed, settings: ExportSettings) -> NDArray[np.uint8]:
-    """A band as a picture, blue, green, red, north up: the darker the more."""
-    values, _ = fitted(
-        np.where(seabed.known, band, np.nan).astype(np.float32), seabed.cell, settings.hillshade_pixels // 2
+def _maps(seabed: Seabed, settings: ExportSettings) -> dict[str, str]:
+    """Uncertainty, sweeps and points of each cell."""
+    known, gap = seabed.known, settings.widest_hole
+    inside = outline(seabed)
+    holes = holes_inside(seabed, inside, gap)
+    doubt = np.where(known, 1e3 * seabed.uncertainty, np.nan)
+    sweeps = np.where(known, sweeps_about(seabed), np.float32(np.nan))
+    density = np.where(inside & ~holes, seabed.density, np.float32(np.nan))
+    least, most = np.percentile(doubt[known], [2, 98])
+    points = maps.amount_scale(float(np.percentile(density[known], 98)))
+    return {
+        "doubt_map": maps.band_map(
+            "Uncertainty", doubt, gap, seabed, maps.doubt_scale(least, most, True), "mm, 1 sigma"
+        ),
+        "sweeps_map": maps.sweeps_map("Sweeps that saw each cell", sweeps, gap, holes, seabed),
+        "points_map": maps.band_map("Points per cell", density, 0.0, seabed, points, "points"),
+        "columns": "one" if maps.wide(seabed) else "two",
+    }
+
+
+def _drift(found: Correction, registered: Registered, report: Report) -> dict[str, str]:
+    """The correction over time, the pose graph's steps, and both in words."""
+    sweeps = [(span.begin_s, span.end_s) for span in report.timeline if span.lane == "sweeps"]
+    position, turn = (np.median(sigma, axis=0).max() for sigma in (found.position_sigma, found.attitude_sigma))
+    largest = float(registered.graph_step.max(initial=0.0))
+    loops = f"{many(registered.loops, 'loop was', 'loops were')} closed" if registered.loops else "no loop was closed"
+    return {
+        "drift": draw_correction(found, report.source.begin_ns),
+        "heading": escape(angle(abs(np.rad2deg(found.heading)))),
+        "heading_sigma": escape(angle(np.rad2deg(float(np.median(found.attitude_sigma[:, 2]))))),
+        "drift_sigma": escape(f"{length(position)} and {angle(np.rad2deg(turn))}"),
+        "steps": draw_steps(sweeps, registered.graph_step),
+        "loops": escape(f"{loops.capitalize()}; the pose graph moved no sweep by more than {length(largest)}."),
+    }
+
+
+def _agreement(agreement: Agreement, seabed: Seabed) -> dict[str, str]:
+    """The distance between overlapping sweeps before and after: maps on one scale, histograms, numbers."""
+    before, after = 1e3 * agreement.before, 1e3 * agreement.after
+    if not len(after):
+        return {
+            "agreement": "<p>No two sweeps overlap, so that there is nothing to compare.</p>",
+            "histograms": "",
+        }
+    scale = maps.doubt_scale(float(np.percentile(after, 25)), float(np.percentile(before, 95)), logarithmic=True)
+    rows = "".join(
+        f"<tr><td>{name}</td><td class=r>{length(median)}</td><td class=r>{entropy:.2f}</td></tr>"
+        for name, median, entropy in zip(
+            ("Navigation filter alone", "This map"), agreement.median, agreement.entropy, strict=True
+        )
     )
-    share = np.clip(np.nan_to_num(values) / max(_strong(band, seabed), 1e-9), 0.0, 1.0)[..., None]
-    ink, paper, void = np.array([[100.0, 60.0, 15.0], [236.0, 240.0, 226.0], [228.0, 226.0, 224.0]])
-    picture = np.where(np.isfinite(values)[..., None], paper + share * (ink - paper), void)
-    return np.ascontiguousarray(picture[::-1].astype(np.uint8))
+    drawn = (
+        maps.scattered_map(f"Distance between sweeps, {name}", agreement.place, distance, seabed, scale, "mm")
+        for name, distance in (("navigation filter alone", before), ("this map", after))
+    )
+    names = ("Navigation filter alone", "This map, same colours")
+    figure = "".join(f"<figure><h3>{name}</h3>{svg}</figure>" for name, svg in zip(names, drawn, strict=True))
+    return {
+        "agreement": (
+            f"<table class=narrow><tr><th></th><th class=r>sweep to sweep, median</th><th class=r>mean map entropy, nat"
+            f"</th></tr>{rows}</table><div class={'one' if maps.wide(seabed) else 'two'}>{figure}</div>"
+        ),
+        "histograms": figures.histograms(
+            "Distance between sweeps",
+            [("navigation alone", before, "s"), ("this map", after, "a")],
+            "distance between overlapping sweeps, mm",
+        ),
+    }
 
 
-def _depth(seabed: Seabed, trajectory: Trajectory) -> str:
+def _depth(seabed: Seabed, trajectory: Trajectory, begin_ns: int, widest_hole: float) -> str:
     """Depth of the vehicle, with 1 sigma, and of the seabed straight below it, over time."""
-    seconds = (trajectory.stamp_ns - trajectory.stamp_ns[0]) * 1e-9
-    index = np.floor((trajectory.position[:, :2] - seabed.origin) / seabed.cell).astype(int)[:, ::-1]
-    inside = ((index >= 0) & (index < seabed.elevation.shape)).all(1)
+    seconds = (trajectory.stamp_ns - begin_ns).astype(np.float64) * 1e-9
+    elevation, pixel = fitted(seabed.elevation, seabed.cell, _DEPTH_PIXELS)
+    elevation, _ = fill_holes(elevation, round(widest_hole / pixel))
+    index = np.floor((trajectory.position[:, :2] - seabed.origin) / pixel).astype(int)[:, ::-1]
+    inside = ((index >= 0) & (index < elevation.shape)).all(1)
     below = np.full(len(seconds), np.nan)
-    below[inside] = -seabed.elevation[tuple(index[inside].T)]
+    below[inside] = -elevation[tuple(index[inside].T)]
     sigma = np.sqrt(np.maximum(trajectory.covariance[:, 2, 2], 0.0))
     lines = [figures.Line("vehicle, 1 sigma", seconds, -trajectory.position[:, 2], "a", sigma)]
     if np.isfinite(below).any():
         lines.append(figures.Line("seabed below", seconds, below, "s"))
-    return figures.chart("Depth along the path", lines, "s", "depth, m", flip=True)
+    return figures.chart("Depth along the path", lines, "s since the begin of the log", "depth, m", flip=True)
 
 
 def _table(entries: dict[str, int] | dict[str, str]) -> str:
@@ -139,10 +220,16 @@ def _table(entries: dict[str, int] | dict[str, str]) -> str:
 
 def _quantities(quantities: list[Quantity]) -> str:
     return "".join(
-        f"<tr><td>{escape(q.name)}</td><td class=r>{'–' if q.value is None else f'{q.value:.4g}'}</td>"
-        f"<td>{escape(q.unit)}</td><td class=note>{escape(q.note)}</td></tr>"
+        f"<tr><td>{escape(q.name)}</td><td class=r>{_number(q.value)}</td>"
+        f"<td class=unit>{escape(q.unit)}</td><td class=note>{escape(q.note)}</td></tr>"
         for q in quantities
     )
+
+
+def _number(value: float | None) -> str:
+    if value is None or not np.isfinite(value):
+        return "–"
+    return f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.4g}"
 
 
 def _timings(seconds: dict[str, float]) -> str:

@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING
 from garbi_map.log.decode import BAD_MESSAGE, IMAGE_TYPES, decode_image, stamp_of
 from garbi_map.log.records import Image
 from garbi_map.log.types import log_types
+from garbi_map.words import many
 
 if TYPE_CHECKING:
     from garbi_map.log.reader import Log
 
 WAITING = 8  # images that wait for one with an earlier stamp
-UNREADABLE = "are not readable messages"
-UNBELIEVED = "left out: their stamps repeat, go back or are far from their arrival"
+UNREADABLE = "left out: not a readable message"
+UNBELIEVED = "left out: a stamp repeats, goes back or is far from the arrival"
 
 
 def read_images(log: Log, begin_ns: int | None, end_ns: int | None) -> Iterator[Image]:
@@ -28,7 +29,7 @@ def read_images(log: Log, begin_ns: int | None, end_ns: int | None) -> Iterator[
     left_out: Counter[str] = Counter()
     yield from _ascending(_decoded(log, type_name, begin_ns, end_ns, left_out), log.settings.reorder * 1e9, left_out)
     for why, number in left_out.items():
-        log.lose(f"{log.settings.topics.image}: {number} images {why}")
+        log.lose(f"{log.settings.topics.image}: {many(number, 'image')} {why}")
 
 
 def _decoded(

@@ -27,6 +27,7 @@ from garbi_map.log.records import (
 )
 from garbi_map.log.stamps import believable, in_order
 from garbi_map.log.types import log_types
+from garbi_map.words import many
 
 if TYPE_CHECKING:
     from garbi_map.log.reader import Log
@@ -96,21 +97,23 @@ def _believed(log: Log, role: str, column: _Column) -> _Rows | None:
     """The rows that can be used, ascending; what was left out is named in the log's losses."""
     topic = getattr(log.settings.topics, role)
     if column.bad:
-        log.lose(f"{topic}: {column.bad} messages are not readable")
+        log.lose(f"{topic}: {many(column.bad, 'message')} left out: not readable")
     stamps, arrivals = np.array(column.stamps, np.int64), np.array(column.arrivals, np.int64)
     values = np.array(column.values).reshape(-1, column.width)
     keep = _usable(role, values)
     if not keep.all():
-        log.lose(f"{topic}: {np.count_nonzero(~keep)} messages left out: not a number")
+        log.lose(f"{topic}: {many(int(np.count_nonzero(~keep)), 'message')} left out: not a number")
     stamps, arrivals, values = stamps[keep], arrivals[keep], values[keep]
     if not len(stamps):
         return None
     near = believable(stamps, arrivals, int(log.settings.clock_tolerance * 1e9))
     stamps, arrivals, values = stamps[near], arrivals[near], values[near]
     order = in_order(stamps, int(log.settings.reorder * 1e9))
-    left_out = np.count_nonzero(~near) + len(stamps) - len(order)
+    left_out = int(np.count_nonzero(~near)) + len(stamps) - len(order)
     if left_out:
-        log.lose(f"{topic}: {left_out} messages left out: stamps repeat, go back or are far from their arrival")
+        log.lose(
+            f"{topic}: {many(left_out, 'message')} left out: a stamp repeats, goes back or is far from the arrival"
+        )
     return _Rows(stamps[order], arrivals[order], values[order])
 
 
@@ -187,7 +190,7 @@ def _mounts(log: Log, types: Any) -> dict[str, Mount]:
         except BAD_MESSAGE:
             bad += 1
     if bad:
-        log.lose(f"{topic}: {bad} messages are not readable transforms")
+        log.lose(f"{topic}: {many(bad, 'message')} left out: not a readable transform")
     return mounts_in(log.settings.base_frame, found.values())
 
 

@@ -34,6 +34,7 @@ class Log:
     begin_ns, end_ns  first and last header stamp
     rig_text    the attached rig.yaml, None where the log has none or a damaged one
     metadata    the records of names and texts, by name
+    damaged     begin and end, ns, of the stretches that could not be read, so far; it grows while reading
     losses      one line for everything that could not be read, so far; it grows while reading
     """
 
@@ -41,6 +42,7 @@ class Log:
         self.settings = settings
         self._indexes = indexes
         self._losses: dict[str, None] = {}
+        self.damaged: list[tuple[int, int]] = []
         self.topics = self._find_topics()
         self._clock_offset = self._arrival_offset = 0
         self.begin_ns, self.end_ns = self._find_times()
@@ -148,6 +150,8 @@ class Log:
     def _lose_piece(self, index: Index, piece: Piece, why: str) -> None:
         start = self._indexes[0].begin
         begin, end = (piece.begin - start) * 1e-9, (piece.end - start) * 1e-9
+        if (piece.begin, piece.end) not in self.damaged:
+            self.damaged.append((piece.begin, piece.end))
         self.lose(f"{index.path.name}: {begin:.2f} s to {end:.2f} s lost ({why}): {index.topics_of(piece)}")
 
     def schemas(self) -> list[Schema]:

@@ -14,6 +14,7 @@ from mcap.opcode import Opcode
 from garbi_map.log import chunks
 from garbi_map.log.chunks import DAMAGE, MAGIC, MESSAGE_HEAD, RECORD, Damaged, reason
 from garbi_map.log.index import Index, Piece
+from garbi_map.words import many
 
 RAW_PIECE = 1 << 20  # bytes of a file without chunks that are read at once
 SMALL = 1 << 28  # bytes; no record but a chunk or an attachment is larger
@@ -114,7 +115,7 @@ class _Walk:
         unknown = times.keys() - self.index.channels.keys()
         for channel in unknown:
             count = len(times.pop(channel))
-            self._name_loss(piece.offset, f"{count} messages of a topic whose name was lost")
+            self._name_loss(piece.offset, f"{many(count, 'message')} of a topic whose name was lost")
         if not times:
             return
         piece.channels = frozenset(times)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
@@ -28,8 +29,8 @@ class Tally:
 
     accepted: int = 0
     rejected: int = 0
-    ratios: list[float] = field(default_factory=list)
-    shares: list[float] = field(default_factory=list)
+    ratios: array[float] = field(default_factory=lambda: array("f"))
+    shares: array[float] = field(default_factory=lambda: array("f"))
     first_refusal: float | None = None
 
     def typical(self) -> float:
@@ -39,7 +40,7 @@ class Tally:
 
 @dataclass(frozen=True, slots=True)
 class Node:
-    """One step of the forward pass, small enough to keep for every step of a long dive.
+    """One step of the forward pass, all that the smoother wants of it.
 
     step         how the filter came here
     correction   (STATES,) what the update folded into the nominal state

@@ -100,18 +100,18 @@ def _from_filter(
     from garbi_map.navigate.observations import make_sources
     from garbi_map.navigate.smoother import smooth
     from garbi_map.navigate.start import first_guess
+    from garbi_map.navigate.tape import NodeTape
 
     base = make_timebase(inertial, *span, settings)
     sources = make_sources(log, inertial, attitude.disturbed if attitude else None, *span, settings)
     start = first_guess(inertial, attitude, sources, settings)
     forward = ErrorStateFilter(base, inertial, sources, start, settings)
-    nodes = list(forward.run())
+    nodes = NodeTape(forward.run())
     believed, factors = _believed(forward, sources)
     if factors:
         forward = ErrorStateFilter(base, inertial, believed, start, settings)
-        nodes = list(forward.run())
+        nodes = NodeTape(forward.run())
     smoothed = smooth(nodes, forward.model)
-    del nodes  # the largest thing here, and not needed any more
     trajectory, velocity = _path(base, forward, smoothed, inertial, "pressure" in forward.tallies, settings)
     stamps = _dense(trajectory.stamp_ns, asked)
     full = trajectory.at(stamps)
@@ -163,7 +163,8 @@ def _path(
     """
     nodes = base.nodes
     rows = np.union1d(pick(base.seconds, settings.output_rate), nodes)
-    left_error, right_error = smoothed.error, smoothed.error + smoothed.correction
+    left_error = smoothed.error[:, :9]  # position, velocity, attitude
+    right_error = left_error + smoothed.correction[:, :9]
     after = np.clip(np.searchsorted(nodes, rows), 1, len(nodes) - 1)
     start, end = base.seconds[nodes[after - 1]], base.seconds[nodes[after]]
     weight = ((base.seconds[rows] - start) / (end - start))[:, None]
@@ -179,12 +180,9 @@ def _path(
     velocity = forward.velocity[rows] + error[:, 3:6] - np.cross(spin, reach)
     lever = np.tile(np.eye(6), (len(nodes), 1, 1))
     lever[:, :3, 3:] = _cross_matrices(reach[on_node])
-    at_nodes = lever @ smoothed.pose @ lever.transpose(0, 2, 1)
-    covariance = at_nodes[after - 1]
-    change = at_nodes[after]
-    change -= covariance
-    change *= weight[:, :, None]
-    covariance += change
+    at_nodes = (lever @ smoothed.pose @ lever.transpose(0, 2, 1)).astype(np.float32)
+    known = Trajectory(base.stamp_ns[nodes], forward.position[nodes], forward.quaternion[nodes], at_nodes)
+    covariance = known.at(base.stamp_ns[rows]).covariance
     position -= [*position[0, :2], 0.0 if has_depth else position[0, 2]]
     return Trajectory(base.stamp_ns[rows], position, rotation.as_quat(), covariance), velocity
 

@@ -10,6 +10,7 @@ from garbi_map.log.records import Navigation
 from garbi_map.navigate.gyro_attitude import GyroAttitude
 from garbi_map.navigate.inertial import Inertial
 from garbi_map.navigate.settings import NavigateSettings
+from garbi_map.words import many
 
 if TYPE_CHECKING:
     from garbi_map.navigate.eskf import ErrorStateFilter
@@ -107,34 +108,33 @@ def _notes(
     else:
         if len(inertial.gaps):
             lost = float(np.diff(inertial.gaps, axis=1).sum()) * 1e-9
-            notes.append(f"the IMU was silent {len(inertial.gaps)} times, {lost:.1f} s in all")
+            notes.append(f"IMU: silent {many(len(inertial.gaps), 'time')}, {lost:.1f} s in all")
         if inertial.clipped:
-            notes.append(f"the IMU was at the end of its range in {inertial.clipped} samples; they were not used")
+            notes.append(f"the IMU was at the end of its range in {many(inertial.clipped, 'sample')}, not used")
         if inertial.spikes:
-            notes.append(f"the IMU had {inertial.spikes} lone spikes; they were not used")
+            notes.append(f"the IMU had {many(inertial.spikes, 'lone spike')}, not used")
         if inertial.rate_derived:
             notes.append("no gyro: rates are differences of the attitude topic")
     notes += _silences(log, forward)
     if attitude is not None and attitude.disturbed.any():
         notes.append(
             "the attitude topic's yaw contradicts the gyro in "
-            f"{int(attitude.disturbed.sum())} samples, which were not used"
+            f"{many(int(attitude.disturbed.sum()), 'sample')}, not used"
         )
     if "dvl" not in forward.tallies and "fixes" not in forward.tallies:
         notes.append(f"nothing measures velocity: taken as {settings.speed} m/s or less; positions drift")
     if log.dvl is not None and "dvl" in forward.tallies:
         used = forward.tallies["dvl"].accepted
         if used < len(log.dvl.stamp_ns):
-            notes.append(
-                f"DVL: {len(log.dvl.stamp_ns) - used} of {len(log.dvl.stamp_ns)} pings were invalid or outliers"
-            )
+            pings = many(len(log.dvl.stamp_ns), "ping")
+            notes.append(f"DVL: {len(log.dvl.stamp_ns) - used:,} of {pings} invalid or outliers")
     if "pressure" not in forward.tallies:
         notes.append("no pressure: heights are relative to the first pose")
     return notes
 
 
 def _silences(log: Navigation, forward: ErrorStateFilter) -> list[str]:
-    """A line for each sensor that begins late or stops early."""
+    """A line for each sensor that begins late, stops early or, the IMU apart, pauses."""
     begin, end = int(forward.base.stamp_ns[0]), int(forward.base.stamp_ns[-1])
     lines = []
     for name, sensor in {"IMU": log.imu, "DVL": log.dvl, "pressure": log.pressure, "fixes": log.fixes}.items():
@@ -146,4 +146,8 @@ def _silences(log: Navigation, forward: ErrorStateFilter) -> list[str]:
             lines.append(f"{name}: nothing in the first {first:.1f} s")
         if (end - begin) * 1e-9 - last > max(_LATE, 3.0 * usual):
             lines.append(f"{name}: nothing after {last:.1f} s")
+        pauses = np.diff(sensor.stamp_ns) * 1e-9
+        long = pauses[pauses > max(_LATE, 3.0 * usual)]
+        if len(long) and name != "IMU":
+            lines.append(f"{name}: silent {len(long)} times, {long.sum():.1f} s in all")
     return lines

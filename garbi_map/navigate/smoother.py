@@ -11,6 +11,7 @@ from garbi_map.log.records import Floats
 from garbi_map.navigate.eskf import Node
 from garbi_map.navigate.process import ProcessModel
 from garbi_map.navigate.states import ATTITUDE, POSITION, STATES
+from garbi_map.navigate.tape import NodeTape
 
 _POSE = np.r_[POSITION, ATTITUDE]
 _CHUNK = 2000  # nodes whose full matrices are in memory at once
@@ -34,20 +35,23 @@ class Smoothed:
     pose: Floats
 
 
-def smooth(nodes: Sequence[Node], model: ProcessModel) -> Smoothed:
+def smooth(nodes: NodeTape, model: ProcessModel) -> Smoothed:
     """Smooth all nodes, from the last to the first, a chunk at a time."""
     count = len(nodes)
-    error, sigma, pose = np.zeros((count, STATES)), np.zeros((count, STATES)), np.zeros((count, 6, 6))
-    last_error, last_covariance = np.zeros(STATES), _unpacked([nodes[-1]])[0]
-    for end in range(count - 1, -1, -_CHUNK):
-        first = max(end - _CHUNK, 0)
-        means, covariances = _smooth_chunk(nodes[first : end + 1], model, last_error, last_covariance)
-        error[first : end + 1] = means
-        sigma[first : end + 1] = np.sqrt(np.maximum(np.einsum("kii->ki", covariances), 0.0))
-        pose[first : end + 1] = covariances[:, _POSE[:, None], _POSE]
+    error, correction, sigma = (np.zeros((count, STATES)) for _ in range(3))
+    biases, pose = np.zeros((count, STATES - 9)), np.zeros((count, 6, 6))
+    last_error, last_covariance = np.zeros(STATES), _unpacked(nodes.stretch(count - 1, count))[0]
+    for end in range(count, 0, -_CHUNK):
+        first = max(end - 1 - _CHUNK, 0)
+        here, chunk = slice(first, end), nodes.stretch(first, end)
+        means, covariances = _smooth_chunk(chunk, model, last_error, last_covariance)
+        error[here] = means
+        sigma[here] = np.sqrt(np.maximum(np.einsum("kii->ki", covariances), 0.0))
+        pose[here] = covariances[:, _POSE[:, None], _POSE]
+        correction[here] = [node.correction for node in chunk]
+        biases[here] = [node.biases for node in chunk]
         last_error, last_covariance = means[0], covariances[0]
-    correction = np.array([node.correction for node in nodes])
-    return Smoothed(error, correction, np.array([node.biases for node in nodes]) + error[:, 9:], sigma, pose)
+    return Smoothed(error, correction, biases + error[:, 9:], sigma, pose)
 
 
 def _smooth_chunk(

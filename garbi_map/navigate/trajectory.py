@@ -10,6 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from garbi_map.log.records import Floats, Mount, Stamps
 
+_BLOCK = 10_000
+
 
 @dataclass(frozen=True)
 class Trajectory:
@@ -18,14 +20,14 @@ class Trajectory:
     stamp_ns    (n,) int64
     position    (n, 3) m
     quaternion  (n, 4) xyzw
-    covariance  (n, 6, 6) of (position error m, rotation error rad), both in the map frame:
+    covariance  (n, 6, 6), float32 in long ones, of (position error m, rotation error rad), both in the map frame:
                 true = position + dp, true = exp(dtheta) * attitude
     """
 
     stamp_ns: Stamps
     position: Floats
     quaternion: Floats
-    covariance: Floats
+    covariance: NDArray[np.floating]
 
     @property
     def rotation(self) -> Rotation:
@@ -40,12 +42,12 @@ class Trajectory:
         after = np.clip(np.searchsorted(self.stamp_ns, held, side="right"), min(1, last), last)
         before = np.maximum(after - 1, 0)
         weight = (held - self.stamp_ns[before]) / np.maximum(self.stamp_ns[after] - self.stamp_ns[before], 1)
-        w1, w2 = weight[:, None], weight[:, None, None]
-        covariance = self.covariance[before]
-        change = self.covariance[after]
-        change -= covariance  # in place: an hour's covariances are 100 MB
-        change *= w2
-        covariance += change
+        w1 = weight[:, None]
+        covariance = np.empty((len(asked), 6, 6), self.covariance.dtype)
+        for first in range(0, len(asked), _BLOCK):  # an hour's covariances are 50 MB, and twice that is too much
+            rows = slice(first, first + _BLOCK)
+            one, two = self.covariance[before[rows]], self.covariance[after[rows]]
+            covariance[rows] = one + (two - one) * weight[rows, None, None]
         start = Rotation.from_quat(self.quaternion[before])
         arc = (start.inv() * Rotation.from_quat(self.quaternion[after])).as_rotvec()
         return Trajectory(

@@ -18,14 +18,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from garbi_map.navigate.kernels import place_points
+from garbi_map.register.constants import Constants
 from garbi_map.register.factors import Calm, Factor
-from garbi_map.register.motion import Motion
+from garbi_map.register.motion import Motion, Rows
 from garbi_map.register.normal_equations import NormalEquations
 from garbi_map.register.normals import Normals, common_normals, summed_normals
+from garbi_map.register.scanner import Changes
 from garbi_map.register.settings import DriftSettings
 from garbi_map.register.surfels import Surfels, extract_surfels, join, match_surfels
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 _REACH = (0.6, 0.6, 0.9, 1.3, 1.3, 2.0, 2.0, 3.0, 4.5, 7.0, 10.0, 10.0, 20.0, 40.0, 80.0) + (np.inf,) * 8
 """Longest time between matched surfels in each round, s."""
@@ -43,7 +46,8 @@ _LATERAL = 0.03
 class Scans:
     """Profiles in base_link, metres, and their times.
 
-    points (n, 3), sigma (n,) m, profile (n,) index of each point's profile; time (m,) s and sweep (m,) of each profile.
+    points (n, 3), sigma (n,) m, profile (n,) index of each point's profile; time (m,) s and sweep (m,) of each profile;
+    changes: what constants of the motion do to the points, beside moving them all.
     """
 
     points: Floats
@@ -51,19 +55,27 @@ class Scans:
     profile: NDArray[np.int32]
     time: Floats
     sweep: NDArray[np.int64]
+    changes: Changes | None = None
 
-    def placed(self, motion: Motion) -> Floats:
-        """The points (n, 3) in the map as the motion has them."""
-        matrix, position = motion.rotation(self.time).as_matrix(), motion.position(self.time)
-        return place_points(self.points, self.profile, matrix, position)
+    @cached_property
+    def _changes(self) -> dict[str, Floats]:
+        return {} if self.changes is None else self.changes(self.points, self.time[self.profile])
+
+    def as_known(self, constants: Constants) -> Floats:
+        """The points (n, 3) in base_link as the constants have them."""
+        points = self.points
+        for name, change in self._changes.items():
+            points = points + constants.number(name) * change
+        return points
 
     def surfels(self, motion: Motion, size: float, fewest: int) -> Surfels:
         """Surfels of every sweep as the motion has them; two threads take half of the sweeps each."""
         matrix, viewpoint = motion.rotation(self.time).as_matrix(), motion.position(self.time)
+        known = self.as_known(motion.constants)
 
         def part(points: slice) -> Surfels:
             profile = self.profile[points]
-            placed = place_points(self.points[points], profile, matrix, viewpoint)
+            placed = place_points(known[points], profile, matrix, viewpoint)
             return extract_surfels(placed, self.sigma[points], profile, self.time, self.sweep, viewpoint, size, fewest)
 
         with ThreadPoolExecutor(2) as pool:
@@ -117,9 +129,21 @@ def estimate_drift(
         if k < _RESTRAINED:
             restraint.add(problem, motion)
         matches, distance = 0, 0.0
-        for fraction in _FINE if k >= count - 4 else (1.0,):
+        fractions = _FINE if k >= count - 4 else (1.0,)
+        for fraction in fractions:
             surfels = scans.surfels(motion, sizes[k] * fraction, settings.surfel_points)
-            found, distance = add_matches(problem, motion, surfels, gates[k], _REACH[k], sigmas[k], elsewhere, normals)
+            found, distance = add_matches(
+                problem,
+                motion,
+                surfels,
+                gates[k],
+                _REACH[k],
+                sigmas[k],
+                elsewhere,
+                normals,
+                scans.changes,
+                len(fractions),
+            )
             matches += found
         return problem, matches, distance
 
@@ -144,12 +168,16 @@ def add_matches(
     sigma: float,
     settled: Surfels | None = None,
     normals: Normals = summed_normals,
+    changes: Changes | None = None,
+    looks: int = 1,
 ) -> tuple[int, float]:
     """Adds n . (m_i - m_j) = 0 for matched surfels; returns their number and median distance, m.
 
-    Both poses are unknown, but for a settled surfel's, which stays where it is.
+    Both poses are unknown, but for a settled surfel's, which stays where it is. looks: how often the same points are
+    matched, as surfels of several sizes.
     """
     moving = len(surfels.mean)
+    moves = {} if changes is None else _map_axes(changes, motion, surfels)
     if settled is not None:
         surfels = join(surfels, settled)
     first, second = match_surfels(surfels, gate, reach)
@@ -162,12 +190,36 @@ def add_matches(
     between = surfels.mean[first] - surfels.mean[second]
     residual = np.einsum("nk,nk->n", normal, between)
     lateral = np.sqrt(np.maximum(np.einsum("nk,nk->n", between, between) - residual**2, 0.0))
-    runs = []
-    for index, sign in ((first, 1.0), (second, -1.0)):
+
+    # the normal turns with the two surfels, half with each; held still, it would tie the whole map to a heading
+    turning = 0.5 * np.cross(normal, between)
+
+    def rows(index: Ints, sign: float) -> Rows:
         t = np.clip(surfels.time[index], motion.begin, motion.end)
-        axes = np.where((index < moving)[:, None], sign * normal, 0.0)
+        free = (index < moving)[:, None]
+        axes = np.where(free, sign * normal, 0.0)
         arm = surfels.mean[index] - motion.position(t)
-        runs.append(motion.position_run(t, axes))
-        runs.append(motion.attitude_run(t, np.cross(arm, axes)))
-    problem.add(residual, np.hypot(sigma, _LATERAL * lateral), runs, cauchy=2.0)
+        out = motion.rows(t).position(axes).rotation(np.cross(arm, axes) + np.where(free, turning, 0.0))
+        for name, move in moves.items():
+            out.constant(name, np.einsum("nk,nk->n", axes, move[np.minimum(index, moving - 1)]))
+        return out
+
+    both = rows(first, 1.0) + rows(second, -1.0)
+    sigma = np.hypot(sigma, _LATERAL * lateral) * np.sqrt(looks * _repetition(first, second))
+    problem.add(residual, sigma, both.runs, 2.0, both.tail)
     return len(first), float(np.median(np.abs(residual)))
+
+
+def _map_axes(changes: Changes, motion: Motion, surfels: Surfels) -> dict[str, Floats]:
+    """How the constants move the surfels (n, 3), map axes."""
+    t = np.clip(surfels.time, motion.begin, motion.end)
+    rotation = motion.rotation(t)
+    body = rotation.inv().apply(surfels.mean - motion.position(t))
+    return {name: rotation.apply(change) for name, change in changes(body, t).items()}
+
+
+def _repetition(first: Ints, second: Ints) -> Floats:
+    """How many times over (m,) each match says what others say: N views of a place make N (N - 1) / 2 matches, N - 1 of
+    them independent, and the sum over all of them is N / 2 times the squares about the mean of the views."""
+    partners = np.bincount(np.concatenate([first, second])).astype(np.float64)
+    return 0.5 + 0.25 * (partners[first] + partners[second])

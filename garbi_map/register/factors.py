@@ -12,16 +12,21 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from garbi_map.register import motion as unknowns
 from garbi_map.register.motion import Motion
-from garbi_map.register.normal_equations import NormalEquations, Run
+from garbi_map.register.normal_equations import NormalEquations, Tail
 
 Floats = NDArray[np.float64]
 
 GRAVITY = np.array([0.0, 0.0, -9.80665])
 _AXES = np.eye(3)
-_UNKNOWN_TURNING = np.deg2rad(1.5)
+ASSUMED_RATE_NOISE = np.deg2rad(0.05)
+"""rad/s per root Hz, of an attitude of whose gyro nothing is known."""
+_UNKNOWN_TURNING = np.deg2rad(4.0)
 """Rate, rad/s, at which a vehicle turns of which no sensor tells."""
+_UNKNOWN_SWING = np.deg2rad(6.0)
+"""rad/s^2 by which that rate changes."""
+_MOMENT = 0.01
+"""s to either side, over which a rate of change is taken."""
 _SILENCE = 0.1
 """s; farther than that from its readings the gyro says nothing."""
 
@@ -51,73 +56,85 @@ def _spread(residual: Floats, least: float, most: float) -> float:
 class Acceleration:
     """p'' = R (f - b) + g - (R l)'': the accelerometer, averaged over short bins.
 
-    time (n,) s, force (n, 3) m/s^2 in base_link axes, arm (n, 3) m/s^2: the acceleration of the sensor about base_link's
-    origin, in base_link axes.
+    time (n,) s by the clock `imu_clock`, force (n, 3) m/s^2 in base_link axes, arm (n, 3) m/s^2: the acceleration of the
+    sensor about base_link's origin, in base_link axes.
     """
 
     def __init__(self, time: Floats, force: Floats, arm: Floats) -> None:
         self.time, self.force, self.arm = time, force, arm
         self.sigma = 0.03
 
-    def _residual(self, motion: Motion) -> tuple[Floats, Floats, Rotation]:
-        rotation = motion.rotation(self.time)
+    def _residual(self, motion: Motion, t: Floats) -> tuple[Floats, Floats, Rotation]:
+        rotation = motion.rotation(t)
         force = rotation.apply(self.force - self.arm)
-        bias = rotation.apply(motion.constants[unknowns.ACCELEROMETER_BIAS])
-        return motion.position(self.time, 2) - (force - bias + GRAVITY), force, rotation
+        bias = rotation.apply(motion.constants.vector("accelerometer_bias"))
+        return motion.position(t, 2) - (force - bias + GRAVITY), force, rotation
 
     def add(self, problem: NormalEquations, motion: Motion) -> None:
-        residual, force, rotation = self._residual(motion)
-        matrix = rotation.as_matrix()
-        n = len(self.time)
+        t = self.time - motion.constants.number("imu_clock")
+        residual, force, rotation = self._residual(motion, t)
+        matrix, jerk = rotation.as_matrix(), motion.position(t, 3)
         for axis in range(3):
-            unit = np.broadcast_to(_AXES[axis], (n, 3))
-            runs = [
-                motion.position_run(self.time, unit, 2),
-                motion.attitude_run(self.time, np.cross(unit, force)),
-                motion.constants_run(n, accelerometer_bias=matrix[:, axis]),
-            ]
-            problem.add(residual[:, axis], self.sigma, runs, cauchy=4.0)
+            unit = np.broadcast_to(_AXES[axis], (len(t), 3))
+            rows = motion.rows(t).position(unit, 2)
+            # force and prior attitude share their clock: a change of it moves neither against the other
+            rows.correction(np.cross(unit, force)).constant("imu_clock", -jerk[:, axis])
+            rows.constant("accelerometer_bias", matrix[:, axis])
+            problem.add(residual[:, axis], self.sigma, rows.runs, 4.0, rows.tail)
 
     def reestimate(self, motion: Motion) -> None:
-        self.sigma = _spread(self._residual(motion)[0], 0.005, 0.5)
+        t = self.time - motion.constants.number("imu_clock")
+        self.sigma = _spread(self._residual(motion, t)[0], 0.005, 0.5)
 
 
 class AttitudeCorrection:
-    """The correction theta is small and, but for the gyro's bias, changes slowly.
+    """The correction theta is small and, but for the gyro's bias, changes no faster than the gyro's noise lets it.
 
-    magnitude (3,) rad: 1 sigma of the prior attitude about each map axis. The rate's sigma is what is left of the gyro's
-    noise when it is averaged between two knots; gyro (n,) s are the times at which there is one. Away from them, as
-    everywhere where gyro is None, the vehicle turns as no sensor tells.
+    magnitude (3,) rad: 1 sigma of the prior attitude about each map axis; memory (3,) s, for how long an error of it
+    lasts, for ever where it is None. gyro (n,) s are the times at which the prior attitude is measured, noise the density
+    of its rate's noise, rad/s per root Hz. Away from them, as everywhere where gyro is None, the vehicle turns as no
+    sensor tells.
     """
 
-    def __init__(self, magnitude: Floats, spacing: float, gyro: Floats | None) -> None:
+    def __init__(
+        self,
+        magnitude: Floats,
+        spacing: float,
+        gyro: Floats | None,
+        noise: float = ASSUMED_RATE_NOISE,
+        memory: Floats | None = None,
+    ) -> None:
         self.magnitude, self.spacing, self.gyro = magnitude, spacing, gyro
-        self.sigma = _UNKNOWN_TURNING if gyro is None else np.deg2rad(0.05)
+        self.memory = np.full(3, np.inf) if memory is None else memory
+        # white noise averaged over the time between two rows
+        self.sigma = _UNKNOWN_TURNING if gyro is None else noise / np.sqrt(spacing / 2.0)
 
     def _times(self, motion: Motion) -> Floats:
         # a cubic has four coefficients however short the dive is
         count = max(int(np.ceil(2.0 * (motion.end - motion.begin) / self.spacing)), 4)
         return np.linspace(motion.begin, motion.end, count + 1)
 
-    def _rate_residual(self, motion: Motion) -> tuple[Floats, Floats]:
-        t = self._times(motion)
-        matrix = motion.rotation(t).as_matrix()
-        return motion.correction(t, 1) + matrix @ motion.constants[unknowns.GYRO_BIAS], matrix
-
     def add(self, problem: NormalEquations, motion: Motion) -> None:
         t = self._times(motion)
         n = len(t)
         theta = motion.correction(t)
-        rate, matrix = self._rate_residual(motion)
+        matrix = motion.rotation(t).as_matrix()
+        rate = motion.correction(t, 1) + matrix @ motion.constants.vector("gyro_bias")
         sigma = np.full(n, _UNKNOWN_TURNING)
         sigma[self._told(t)] = self.sigma
-        # one bias-like error for the dive, not one for each time: the rows share their information
-        shared = np.sqrt(max(n / 4.0, 1.0))
+        # an error that lasts is one error, not one for each time: the rows share their information
+        length = motion.end - motion.begin
+        shared = np.sqrt(np.maximum(np.minimum(self.memory, length) * n / length, 1.0))
         for axis in range(3):
             unit = np.broadcast_to(_AXES[axis], (n, 3))
-            problem.add(theta[:, axis], self.magnitude[axis] * shared, [motion.attitude_run(t, unit)])
-            runs = [motion.attitude_run(t, unit, 1), motion.constants_run(n, gyro_bias=matrix[:, axis])]
-            problem.add(rate[:, axis], sigma, runs, cauchy=4.0)
+            problem.add(theta[:, axis], self.magnitude[axis] * shared[axis], motion.rows(t).correction(unit).runs)
+            rows = motion.rows(t).correction(unit, 1).constant("gyro_bias", matrix[:, axis])
+            problem.add(rate[:, axis], sigma, rows.runs, 4.0, rows.tail)
+        silent = t[~self._told(t)]
+        swing = motion.correction(silent, 2)
+        for axis in range(3):
+            unit = np.broadcast_to(_AXES[axis], swing.shape)
+            problem.add(swing[:, axis], _UNKNOWN_SWING, motion.rows(silent).correction(unit, 2).runs)
 
     def _told(self, t: Floats) -> NDArray[np.bool_]:
         """Where (n,) the gyro speaks."""
@@ -126,63 +143,75 @@ class AttitudeCorrection:
         return ~far_from(t, self.gyro, _SILENCE)
 
     def reestimate(self, motion: Motion) -> None:
-        told = self._told(self._times(motion))
-        if told.any():
-            self.sigma = _spread(self._rate_residual(motion)[0][told], np.deg2rad(0.02), np.deg2rad(0.3))
+        """Keeps its sigma: what is left of few residuals and as many unknowns says nothing of the noise."""
 
 
 class Height:
-    """Heights of a point of the vehicle: pressure. time (n,) s, height (n,) m in map, lever (3,) m in base_link."""
+    """Heights of a point of the vehicle: pressure.
+
+    time (n,) s by the clock `pressure_clock`, height (n,) m in map, lever (3,) m in base_link.
+    """
 
     def __init__(self, time: Floats, height: Floats, lever: Floats) -> None:
         self.time, self.height, self.lever = time, height, lever
         self.sigma = 0.02
 
-    def _residual(self, motion: Motion) -> tuple[Floats, Floats]:
-        arm = motion.rotation(self.time).apply(self.lever)
-        return motion.position(self.time)[:, 2] + arm[:, 2] - self.height, arm
+    def _residual(self, motion: Motion, t: Floats) -> tuple[Floats, Floats]:
+        arm = motion.rotation(t).apply(self.lever)
+        return motion.position(t)[:, 2] + arm[:, 2] - self.height, arm
 
     def add(self, problem: NormalEquations, motion: Motion) -> None:
-        residual, arm = self._residual(motion)
+        t = self.time - motion.constants.number("pressure_clock")
+        residual, arm = self._residual(motion, t)
         unit = np.broadcast_to(_AXES[2], arm.shape)
-        runs = [motion.position_run(self.time, unit), motion.attitude_run(self.time, np.cross(arm, unit))]
-        problem.add(residual, self.sigma, runs, cauchy=3.0)
+        rows = motion.rows(t).position(unit).rotation(np.cross(arm, unit))
+        swing = motion.rotation(t).apply(np.cross(motion.rate(t), self.lever))
+        rows.constant("pressure_clock", -(motion.position(t, 1) + swing)[:, 2])
+        problem.add(residual, self.sigma, rows.runs, 3.0, rows.tail)
 
     def reestimate(self, motion: Motion) -> None:
-        self.sigma = _spread(self._residual(motion)[0], 0.001, 0.2)
+        t = self.time - motion.constants.number("pressure_clock")
+        self.sigma = _spread(self._residual(motion, t)[0], 0.001, 0.2)
 
 
 class BottomTrack:
-    """DVL velocities with an unknown scale: p' + R (w x l) = (1 + s) R v.
+    """DVL velocities with an unknown scale: v = (1 + s) (R' p' + w x l), in base_link axes.
 
-    time (n,) s, velocity (n, 3) m/s in base_link axes, rate (n, 3) rad/s in base_link, lever (3,) m.
+    The scale stands with the motion: on the noisy velocities it would be drawn toward what makes them small (regression
+    dilution: Fuller, Measurement Error Models, 1987), by a per cent where a vehicle is slow. The rates w are the motion's
+    own, so that the lever counts without a gyro too.
+
+    time (n,) s by the clock `dvl_clock`, velocity (n, 3) m/s, lever (3,) m, both in base_link axes.
     """
 
-    def __init__(self, time: Floats, velocity: Floats, rate: Floats, lever: Floats) -> None:
-        self.time, self.velocity = time, velocity
-        self.swing = np.cross(rate, lever)
+    def __init__(self, time: Floats, velocity: Floats, lever: Floats) -> None:
+        self.time, self.velocity, self.lever = time, velocity, lever
         self.sigma = 0.03
 
-    def _residual(self, motion: Motion) -> tuple[Floats, Floats, Floats]:
-        rotation = motion.rotation(self.time)
-        measured, swing = rotation.apply(self.velocity), rotation.apply(self.swing)
-        scale = 1.0 + motion.constants[unknowns.DVL_SCALE]
-        return motion.position(self.time, 1) + swing - scale * measured, measured, swing
+    def _predicted(self, motion: Motion, t: Floats) -> Floats:
+        """R' p' + w x l (n, 3)."""
+        return motion.rotation(t).inv().apply(motion.position(t, 1)) + np.cross(motion.rate(t), self.lever)
+
+    def _residual(self, motion: Motion, t: Floats) -> Floats:
+        return self.velocity - (1.0 + motion.constants.number("dvl_scale")) * self._predicted(motion, t)
 
     def add(self, problem: NormalEquations, motion: Motion) -> None:
-        residual, measured, swing = self._residual(motion)
-        n = len(self.time)
+        t = self.time - motion.constants.number("dvl_clock")
+        residual, predicted = self._residual(motion, t), self._predicted(motion, t)
+        change = (self._predicted(motion, t + _MOMENT) - self._predicted(motion, t - _MOMENT)) / (2.0 * _MOMENT)
+        matrix, velocity = motion.rotation(t).as_matrix(), motion.position(t, 1)
+        gain = 1.0 + motion.constants.number("dvl_scale")
         for axis in range(3):
-            unit = np.broadcast_to(_AXES[axis], (n, 3))
-            runs = [
-                motion.position_run(self.time, unit, 1),
-                motion.attitude_run(self.time, np.cross(unit, measured - swing)),
-                motion.constants_run(n, dvl_scale=-measured[:, axis]),
-            ]
-            problem.add(residual[:, axis], self.sigma, runs, cauchy=3.0)
+            unit = matrix[:, :, axis]
+            swing = np.einsum("nij,j->ni", matrix, np.cross(self.lever, _AXES[axis]))
+            rows = motion.rows(t).position(-gain * unit, 1)
+            rows.rotation(gain * np.cross(velocity, unit)).correction(-gain * swing, 1)
+            rows.constant("dvl_scale", -predicted[:, axis]).constant("dvl_clock", gain * change[:, axis])
+            problem.add(residual[:, axis], self.sigma, rows.runs, 3.0, rows.tail)
 
     def reestimate(self, motion: Motion) -> None:
-        self.sigma = _spread(self._residual(motion)[0], 0.002, 0.3)
+        t = self.time - motion.constants.number("dvl_clock")
+        self.sigma = _spread(self._residual(motion, t), 0.002, 0.3)
 
 
 class Position:
@@ -195,7 +224,7 @@ class Position:
         residual = motion.position(self.time) - self.measured
         for axis in range(3):
             unit = np.broadcast_to(_AXES[axis], residual.shape)
-            problem.add(residual[:, axis], self.sigma, [motion.position_run(self.time, unit)], cauchy=3.0)
+            problem.add(residual[:, axis], self.sigma, motion.rows(self.time).position(unit).runs, cauchy=3.0)
 
     def reestimate(self, motion: Motion) -> None:
         """Keeps its sigma: a bias of all fixes is not seen in their residuals."""
@@ -217,48 +246,58 @@ class Calm:
         value = motion.position(t, self.derivative)
         for axis in range(3):
             unit = np.broadcast_to(_AXES[axis], value.shape)
-            problem.add(value[:, axis], self.sigma, [motion.position_run(t, unit, self.derivative)])
+            problem.add(value[:, axis], self.sigma, motion.rows(t).position(unit, self.derivative).runs)
 
     def reestimate(self, motion: Motion) -> None:
         """Keeps its sigma: it is a belief, not a measurement."""
 
 
 class Gauge:
-    """The dive begins at the origin of the map, and the constants are near their nominal values."""
+    """The dive begins at `start` (3,) in some axes of the map."""
 
     sigma = 1e-3
 
-    def __init__(self, axes: tuple[int, ...], start: Floats, constants_sigma: Floats) -> None:
-        self.axes, self.start, self.constants_sigma = axes, start, constants_sigma
+    def __init__(self, axes: tuple[int, ...], start: Floats) -> None:
+        self.axes, self.start = axes, start
 
     def add(self, problem: NormalEquations, motion: Motion) -> None:
         t = np.array([motion.begin])
         position = motion.position(t) - self.start
         for axis in self.axes:
-            problem.add(position[:, axis], self.sigma, [motion.position_run(t, _AXES[[axis]])])
-        for k, sigma in enumerate(self.constants_sigma):
-            value = np.zeros((1, len(self.constants_sigma)))
-            value[0, k] = 1.0
-            problem.add(motion.constants[[k]], sigma, [Run(np.array([motion.constants_offset]), value)])
+            problem.add(position[:, axis], self.sigma, motion.rows(t).position(_AXES[[axis]]).runs)
+
+    def reestimate(self, motion: Motion) -> None:
+        """Nothing to learn."""
+
+
+class Nominal:
+    """The constants are as near to zero as they were declared."""
+
+    sigma = 1.0
+
+    def add(self, problem: NormalEquations, motion: Motion) -> None:
+        constants = motion.constants
+        problem.add(constants.value, constants.sigma, [], tail=Tail(motion.constants_columns, np.eye(len(constants))))
 
     def reestimate(self, motion: Motion) -> None:
         """Nothing to learn."""
 
 
 class Anchor:
-    """Where an earlier window has already put the vehicle: time (n,), position (n, 3) m, correction theta (n, 3) rad."""
+    """Where an earlier window has already put the vehicle: time (n,), position (n, 3) m, rotation map <- base_link."""
 
-    def __init__(self, time: Floats, position: Floats, correction: Floats, sigma: float, angle_sigma: float) -> None:
-        self.time, self.measured, self.correction = time, position, correction
+    def __init__(self, time: Floats, position: Floats, rotation: Rotation, sigma: float, angle_sigma: float) -> None:
+        self.time, self.measured, self.rotation = time, position, rotation
         self.sigma, self.angle_sigma = sigma, angle_sigma
 
     def add(self, problem: NormalEquations, motion: Motion) -> None:
         off = motion.position(self.time) - self.measured
-        turned = motion.correction(self.time) - self.correction
+        turned = (motion.rotation(self.time) * self.rotation.inv()).as_rotvec()
         for axis in range(3):
             unit = np.broadcast_to(_AXES[axis], off.shape)
-            problem.add(off[:, axis], self.sigma, [motion.position_run(self.time, unit)])
-            problem.add(turned[:, axis], self.angle_sigma, [motion.attitude_run(self.time, unit)])
+            problem.add(off[:, axis], self.sigma, motion.rows(self.time).position(unit).runs)
+            rows = motion.rows(self.time).rotation(unit)
+            problem.add(turned[:, axis], self.angle_sigma, rows.runs, tail=rows.tail)
 
     def reestimate(self, motion: Motion) -> None:
         """Keeps its sigma: the earlier window is settled."""

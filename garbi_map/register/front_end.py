@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from garbi_map.register.settings import FrontEndSettings
 from garbi_map.register.surfels import Surfels, match_surfels
+from garbi_map.register.thinning import earliest
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -125,9 +126,7 @@ def close_loops(surfels: Surfels, corrections: list[Floats], settings: FrontEndS
     """
     moved = surfels.moved(np.reshape(corrections, (-1, 4, 4)))
     loops = []
-    for (first, second), rows in _overlaps(moved, settings).items():
-        if second - first < 2 or len(rows[0]) < settings.loop_matches:
-            continue
+    for (first, second), rows in _promising(_overlaps(moved, settings), settings):
         front_end = ScanToMap(settings)
         front_end.insert(moved.mean[moved.sweep == first], np.eye(4))
         points = moved.mean[np.unique(rows[1])]
@@ -140,6 +139,21 @@ def close_loops(surfels: Surfels, corrections: list[Floats], settings: FrontEndS
         relative = np.linalg.inv(corrections[first]) @ found @ corrections[second]
         loops.append(Constraint(first, second, relative, information, centre, uncertain=True))
     return loops
+
+
+def _promising(
+    pairs: dict[tuple[int, int], tuple[Ints, Ints]], settings: FrontEndSettings
+) -> list[tuple[tuple[int, int], tuple[Ints, Ints]]]:
+    """Pairs that may be loops: of each later sweep those few that overlap it most, neighbours in time left out."""
+    of_sweep: dict[int, list[tuple[tuple[int, int], tuple[Ints, Ints]]]] = {}
+    for (first, second), rows in pairs.items():
+        if second - first >= 2 and len(rows[0]) >= settings.loop_matches:
+            of_sweep.setdefault(second, []).append(((first, second), rows))
+    return [
+        pair
+        for candidates in of_sweep.values()
+        for pair in sorted(candidates, key=lambda pair: -len(pair[1][0]))[: settings.loops_per_sweep]
+    ]
 
 
 def onto_planes(surfels: Surfels, planes: Surfels, transform: Floats, settings: FrontEndSettings) -> Floats:
@@ -171,8 +185,10 @@ def _picked(surfels: Surfels, rows: Ints) -> Surfels:
 
 
 def _overlaps(surfels: Surfels, settings: FrontEndSettings) -> dict[tuple[int, int], tuple[Ints, Ints]]:
-    """For each pair of sweeps that overlap, the matched surfels of both."""
-    first, second = match_surfels(surfels, settings.correspondence, np.inf)
+    """For each pair of sweeps that overlap, the matched surfels of both; of a place that many sweeps saw, the first few are
+    those that later ones are paired with."""
+    known = earliest(surfels, settings.correspondence, settings.sweeps_per_place)
+    first, second = match_surfels(surfels, settings.correspondence, np.inf, known)
     key = surfels.sweep[first] * (int(surfels.sweep.max(initial=0)) + 1) + surfels.sweep[second]
     order = np.argsort(key, kind="stable")
     cuts = np.flatnonzero(np.diff(key[order])) + 1

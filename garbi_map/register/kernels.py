@@ -133,8 +133,9 @@ def accumulate_moments(points, sigma, profile, time, viewpoint, group, count, me
 
 
 @njit(cache=True, nogil=True)
-def find_matches(mean, normal, time, sweep, key, order, sorted_key, gate, max_dt, min_cos, first, second):  # type: ignore[no-untyped-def]
-    """For each surfel the nearest surfel of every *other* sweep with a larger number, within gate (m), max_dt (s) and angle.
+def find_matches(asked, mean, normal, time, sweep, key, order, sorted_key, gate, max_dt, min_cos, first, second):  # type: ignore[no-untyped-def]
+    """For each surfel that is asked the nearest one of every *other* sweep with a larger number, within gate (m), max_dt (s)
+    and angle.
 
     key holds voxel names for voxels of the size `gate`; order sorts them. Returns the number of matches written.
     """
@@ -145,6 +146,8 @@ def find_matches(mean, normal, time, sweep, key, order, sorted_key, gate, max_dt
     near_d2 = np.empty(256, np.float64)
     gate2 = gate * gate
     for i in range(n):
+        if not asked[i]:
+            continue
         found = 0
         base = key[i]
         for dx in range(-1, 2):
@@ -211,3 +214,17 @@ def accumulate_normal_equations(start, value, residual, weight, h, g):  # type: 
                     cj = start[row, j]
                     for k in range(12):
                         target[cj + k] += va * value[row, j, k]
+
+
+@njit(cache=True, nogil=True)
+def accumulate_tail(start, value, weighted, crossed):  # type: ignore[no-untyped-def]
+    """crossed += J' W T of rows whose J is runs of twelve (as above), and whose T, already times W, is (n, k)."""
+    n, b = start.shape
+    for row in range(n):
+        for i in range(b):
+            ci = start[row, i]
+            for a in range(12):
+                va = value[row, i, a]
+                if va != 0.0:
+                    for k in range(weighted.shape[1]):
+                        crossed[ci + a, k] += va * weighted[row, k]

@@ -34,15 +34,31 @@ def spline_run(first: NDArray[np.int64], weights: Floats, axes: Floats, offset: 
     return Run(offset + 3 * first, (weights[:, :, None] * axes[:, None, :]).reshape(len(first), RUN))
 
 
+@dataclass(frozen=True)
+class Tail:
+    """What n rows have to do with unknowns that any row may touch: columns (k,), the unknowns, and value (n, k)."""
+
+    columns: NDArray[np.int64]
+    value: Floats
+
+
 class NormalEquations:
     """Accumulates J' W J and J' W r of rows residual + J x = 0 and solves for x."""
 
     def __init__(self, size: int) -> None:
         self.matrix = np.zeros((size, size))
         self.vector = np.zeros(size)
+        self._factored: tuple[Floats, bool] | None = None
 
-    def add(self, residual: Floats, sigma: Floats | float, runs: list[Run], cauchy: float | None = None) -> Floats:
-        """Add n rows with residual (n,), 1 sigma (n,) or scalar, and the runs they touch; returns the weights (n,).
+    def add(
+        self,
+        residual: Floats,
+        sigma: Floats | float,
+        runs: list[Run],
+        cauchy: float | None = None,
+        tail: Tail | None = None,
+    ) -> Floats:
+        """Add n rows with residual (n,), 1 sigma (n,) or scalar, and what they touch; returns the weights (n,).
 
         cauchy: the residual, in sigmas, beyond which a row loses its say (Cauchy weights by iteration, Holland and Welsch
         1977); None for plain least squares.
@@ -50,15 +66,27 @@ class NormalEquations:
         weight = np.broadcast_to(1.0 / np.square(np.asarray(sigma, float)), residual.shape)
         if cauchy is not None:
             weight = weight / (1.0 + residual**2 * weight / cauchy**2)
-        kernels.accumulate_normal_equations(
-            np.ascontiguousarray(np.stack([run.start for run in runs], axis=1)),
-            np.ascontiguousarray(np.stack([run.value for run in runs], axis=1)),
-            np.ascontiguousarray(residual, float),
-            np.ascontiguousarray(weight, float),
-            self.matrix,
-            self.vector,
-        )
+        if runs:
+            start = np.ascontiguousarray(np.stack([run.start for run in runs], axis=1))
+            value = np.ascontiguousarray(np.stack([run.value for run in runs], axis=1))
+        else:
+            start, value = np.zeros((len(residual), 0), np.int64), np.zeros((len(residual), 0, RUN))
+        residual, weight = np.ascontiguousarray(residual, float), np.ascontiguousarray(weight, float)
+        kernels.accumulate_normal_equations(start, value, residual, weight, self.matrix, self.vector)
+        if tail is not None and len(tail.columns):
+            self._add_tail(start, value, residual, weight, tail)
+        self._factored = None
         return weight
+
+    def _add_tail(self, start: NDArray[np.int64], value: Floats, residual: Floats, weight: Floats, tail: Tail) -> None:
+        """The tail with itself and with the runs, on both sides of the diagonal."""
+        weighted = tail.value * weight[:, None]
+        crossed = np.zeros((len(self.vector), len(tail.columns)))
+        kernels.accumulate_tail(start, value, weighted, crossed)
+        self.matrix[:, tail.columns] += crossed
+        self.matrix[tail.columns, :] += crossed.T
+        self.matrix[np.ix_(tail.columns, tail.columns)] += tail.value.T @ weighted
+        self.vector[tail.columns] += weighted.T @ residual
 
     def solve(self) -> Floats:
         """The step x (size,) that minimises the weighted squares."""
@@ -66,15 +94,21 @@ class NormalEquations:
 
         return cho_solve(self._factor(), -self.vector, check_finite=False)
 
-    def covariance(self) -> Floats:
-        """The inverse of the accumulated information (size, size)."""
+    def covariance(self, columns: NDArray[np.int64] | None = None) -> Floats:
+        """The inverse of the accumulated information (size, size), or that of some unknowns (k, k)."""
         from scipy.linalg import cho_solve
 
-        return cho_solve(self._factor(), np.eye(len(self.vector)), check_finite=False)
+        if columns is None:
+            return cho_solve(self._factor(), np.eye(len(self.vector)), check_finite=False)
+        unit = np.zeros((len(self.vector), len(columns)))
+        unit[columns, np.arange(len(columns))] = 1.0
+        return cho_solve(self._factor(), unit, check_finite=False)[columns]
 
     def _factor(self) -> tuple[Floats, bool]:
         from scipy.linalg import cho_factor
 
-        matrix = self.matrix.copy()
-        matrix[np.diag_indices_from(matrix)] += 1e-9  # unknowns that no row touches
-        return cho_factor(matrix, lower=True, overwrite_a=True, check_finite=False)
+        if self._factored is None:
+            matrix = self.matrix.copy()
+            matrix[np.diag_indices_from(matrix)] += 1e-9  # unknowns that no row touches
+            self._factored = cho_factor(matrix, lower=True, overwrite_a=True, check_finite=False)
+        return self._factored

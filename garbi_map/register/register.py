@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,19 +14,26 @@ from scipy.spatial.transform import Rotation, Slerp
 from garbi_map.errors import GarbiError
 from garbi_map.log.records import Navigation
 from garbi_map.navigate import NavigationResult, Trajectory
+from garbi_map.navigate import navigate as run_navigation
 from garbi_map.navigate.settings import NavigateSettings
+from garbi_map.register.agreement import Agreement, compare_placements
+from garbi_map.register.constants import learnt
 from garbi_map.register.drift import Round
 from garbi_map.register.front_end import close_loops, scan_to_map
-from garbi_map.register.motion import DVL_SCALE
 from garbi_map.register.pose_graph import optimise
+from garbi_map.register.scanner import ENCODER, Scanner
 from garbi_map.register.sensors import Sensors
 from garbi_map.register.settings import RegisterSettings
-from garbi_map.register.surfels import Surfels, match_surfels
+from garbi_map.register.surfels import Surfels
+from garbi_map.register.timing import Offset, judged, refined, restamped
 from garbi_map.register.windows import Path, Solution, solve_far, solve_near
 from garbi_map.sweep.store import SweepStore
+from garbi_map.words import many
 
 Floats = NDArray[np.float64]
 
+_ATTEMPTS = 4
+"""At setting clocks right: what is left after two is less than what can be seen."""
 _NEIGHBOUR = np.array([0.004, 0.004, 0.004, 0.002, 0.002, 0.002])
 """How much the drift changes between neighbouring sweeps after the near rounds, 1 sigma, m and rad."""
 
@@ -39,8 +47,10 @@ class Registered:
     rounds       what each round of the drift estimate found, per window, the far rounds after the near ones
     graph_step   (k,) m, how far the pose graph moved each sweep
     loops        number of loop closures that were verified
-    disagreement median distance between overlapping sweeps, m: with the navigation filter's trajectory and with ours
+    looped       the two sweeps of each
+    agreement    how well overlapping sweeps agree with the navigation filter's trajectory and with ours
     constants    what was learnt of the sensors, with units in the names
+    clocks       by how much the stamps of sensors and encoder differ from the camera's
     """
 
     trajectory: Trajectory
@@ -48,8 +58,10 @@ class Registered:
     rounds: list[list[Round]]
     graph_step: Floats
     loops: int
-    disagreement: tuple[float, float]
+    agreement: Agreement
     constants: dict[str, Any]
+    clocks: list[Offset] = field(default_factory=list)
+    looped: list[tuple[int, int]] = field(default_factory=list)
 
 
 def register(
@@ -59,25 +71,23 @@ def register(
     settings: RegisterSettings,
     navigate: NavigateSettings,
     progress: Callable[[str], None] = lambda _: None,
+    scanner: Scanner | None = None,
 ) -> Registered:
     """One consistent trajectory for all sweeps of a store.
 
-    The result begins where the navigation filter's trajectory begins.
+    The result begins where the navigation filter's trajectory begins. Where the encoder's stamps turn out to be late
+    against the images' (which the scanner has to be known for), the sweeps of the store are corrected.
     Raises GarbiError where the sweeps do not span any time.
     """
     mount = log.mount("rig")
     stamps = store.stamps()
     if len(stamps) < 2 or stamps[-1] <= stamps[0]:
         raise GarbiError(
-            f"registration: the sweeps hold {len(stamps)} profile(s), too few for a trajectory; "
+            f"registration: the sweeps hold {many(len(stamps), 'profile')}, too few for a trajectory; "
             "see what was left out of them with `garbi sweep`"
         )
     prior = navigated.trajectory
-    sensors = Sensors(log, prior, navigated.inertial, navigated.attitude, navigate, int(stamps[0]))
-    span = (0.0, float((stamps[-1] - stamps[0]) * 1e-9))
-
-    progress("neighbours in time")
-    near = solve_near(store, mount, sensors, span, settings.drift, progress)
+    near, sensors, clocks = _synchronised(store, log, navigated, settings, navigate, progress, scanner)
     progress("sweeps against the map")
     corrections, constraints = scan_to_map(near.surfels, settings.front_end)
     loops = close_loops(near.surfels, corrections, settings.front_end)
@@ -85,16 +95,64 @@ def register(
     closed = _apply(near.path, near.surfels, corrections)
     progress("all sweeps at once")
     far = solve_far(store, mount, sensors, closed, settings.drift, progress)
+    clocks = _retimed(store, far, clocks, scanner)
+    trajectory = _trajectory(far.path, far.path.covariance, sensors.epoch_ns, stamps)
 
     return Registered(
-        trajectory=_trajectory(far.path, far.path.covariance, sensors.epoch_ns, stamps),
+        trajectory=trajectory,
         inside=_trajectory(far.path, far.path.relative, sensors.epoch_ns, stamps),
         rounds=near.rounds + far.rounds,
         graph_step=_steps(near.surfels, corrections),
         loops=len(loops),
-        disagreement=(_disagreement(_placed_by(prior, near, sensors)), _disagreement(far.surfels)),
+        agreement=compare_placements(store, mount, prior, trajectory, _placed_by(prior, far, sensors), far.surfels),
         constants=_constants(far),
+        clocks=clocks,
+        looped=[(loop.first, loop.second) for loop in loops],
     )
+
+
+def _synchronised(
+    store: SweepStore,
+    log: Navigation,
+    navigated: NavigationResult,
+    settings: RegisterSettings,
+    navigate: NavigateSettings,
+    progress: Callable[[str], None],
+    scanner: Scanner | None,
+) -> tuple[Solution, Sensors, list[Offset]]:
+    """Neighbours in time, again where they show that clocks differ, with what was recorded set right."""
+    applied = {ENCODER: store.latency} if store.latency else {}
+    clocks: list[Offset] = []
+    for attempt in range(_ATTEMPTS):
+        progress("clocks" if attempt == 0 else "clocks, corrected")
+        stamps = store.stamps()
+        span = (0.0, float((stamps[-1] - stamps[0]) * 1e-9))
+        right = restamped(log, clocks)
+        if attempt > 0:
+            navigated = run_navigation(right, navigate, stamps)
+        known = (navigated.trajectory, navigated.inertial, navigated.attitude, navigate, int(stamps[0]), scanner)
+        near = solve_near(store, log.mount("rig"), Sensors(right, *known, clocks=True), span, settings.drift, progress)
+        clocks = judged(learnt(near.constants), applied)
+        told = {offset.name: offset.value for offset in clocks if offset.state == "applied"}
+        if told == applied or attempt == _ATTEMPTS - 1:
+            break
+        latency = told.get(ENCODER, 0.0)
+        if scanner is not None and latency != store.latency:
+            store.retime(partial(scanner.retimed, latency=latency), latency)
+        applied = told
+    return near, Sensors(right, *known), clocks
+
+
+def _retimed(store: SweepStore, far: Solution, clocks: list[Offset], scanner: Scanner | None) -> list[Offset]:
+    """The sweeps with the encoder's latency as all of them together tell it; the path has taken it into account."""
+    more = learnt(far.constants).get(ENCODER)
+    if more is None or scanner is None:
+        return clocks
+    fine = [refined(offset, more) if offset.name == ENCODER else offset for offset in clocks]
+    for latency in (offset.value for offset in fine if offset.name == ENCODER and offset.state == "applied"):
+        if latency != store.latency:
+            store.retime(partial(scanner.retimed, latency=latency), latency)
+    return fine
 
 
 def _apply(path: Path, surfels: Surfels, corrections: list[Floats]) -> Path:
@@ -110,9 +168,7 @@ def _apply(path: Path, surfels: Surfels, corrections: list[Floats]) -> Path:
     turn = Slerp(middle, Rotation.from_matrix(transforms[:, :3, :3]))(t)
     moved = np.stack([np.interp(t, middle, column) for column in shift.T], axis=1)
     position = turn.apply(path.position - centre) + centre + moved
-    return Path(
-        path.time, position, (turn * Rotation.from_quat(path.quaternion)).as_quat(), path.covariance, path.relative
-    )
+    return replace(path, position=position, quaternion=(turn * Rotation.from_quat(path.quaternion)).as_quat())
 
 
 def _steps(surfels: Surfels, corrections: list[Floats]) -> Floats:
@@ -124,37 +180,31 @@ def _steps(surfels: Surfels, corrections: list[Floats]) -> Floats:
     return out
 
 
-def _placed_by(prior: Trajectory, near: Solution, sensors: Sensors) -> Surfels:
+def _placed_by(prior: Trajectory, solution: Solution, sensors: Sensors) -> Surfels:
     """The surfels where the navigation filter alone would have put them."""
-    t = near.surfels.time
-    position, rotation = near.path.at(t)
+    t = solution.surfels.time
+    position, rotation = solution.path.at(t)
     there = prior.at(sensors.epoch_ns + np.round(t * 1e9).astype(np.int64))
-    body = rotation.inv().apply(near.surfels.mean - position)
-    normal = rotation.inv().apply(near.surfels.normal)
+    body = rotation.inv().apply(solution.surfels.mean - position)
+    normal = rotation.inv().apply(solution.surfels.normal)
     moved = there.rotation.apply(body) + there.position
-    return Surfels(moved, there.rotation.apply(normal), t, near.surfels.sweep, near.surfels.thickness)
+    return Surfels(moved, there.rotation.apply(normal), t, solution.surfels.sweep, solution.surfels.thickness)
 
 
-def _disagreement(surfels: Surfels) -> float:
-    """Median point-to-plane distance, m, of surfels of different sweeps that lie within 5 cm of each other."""
-    first, second = match_surfels(surfels, 0.05, np.inf)
-    if len(first) == 0:
-        return float("nan")
-    between = surfels.mean[first] - surfels.mean[second]
-    return float(np.median(np.abs(np.einsum("nk,nk->n", between, surfels.normal[first]))))
-
-
-def _trajectory(path: Path, covariance: Floats, epoch_ns: int, stamps: NDArray[np.int64]) -> Trajectory:
-    own = epoch_ns + np.round(path.time * 1e9).astype(np.int64)
-    dense = Trajectory(own, path.position, path.quaternion, covariance)
-    return dense.at(np.union1d(own, stamps))
+def _trajectory(path: Path, covariance: NDArray[np.float32], epoch_ns: int, stamps: NDArray[np.int64]) -> Trajectory:
+    """The path's own instants and the stamps; covariance (k, 6, 6) is that at the path's `sure` times."""
+    own, sure = (epoch_ns + np.round(t * 1e9).astype(np.int64) for t in (path.time, path.sure))
+    place, turn = path.at(path.sure)
+    every = np.union1d(own, stamps)
+    position, rotation = path.at(np.asarray((every - epoch_ns) * 1e-9, np.float64))
+    known = Trajectory(sure, place, turn.as_quat(), covariance).at(every)
+    return Trajectory(every, position, rotation.as_quat(), known.covariance)
 
 
 def _constants(solution: Solution) -> dict[str, Any]:
-    mean = np.mean(solution.constants, axis=0)
-    return {
-        "accelerometer_bias_m_s2": mean[:3].tolist(),
-        "gyro_bias_change_rad_s": mean[3:6].tolist(),
-        "dvl_scale": float(mean[DVL_SCALE]),
-        "sigma": solution.sigmas[-1],
+    """Value, 1 sigma and unit of each constant, and the sigmas of the factors."""
+    found = {
+        name: {"value": one.value.tolist(), "sigma": one.sigma.tolist(), "unit": one.unit}
+        for name, one in learnt(solution.constants).items()
     }
+    return {**found, "sigma": solution.sigmas[-1]}

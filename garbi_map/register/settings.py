@@ -15,6 +15,7 @@ class DriftSettings(Settings):
     window_points: int = Field(1_000_000, ge=10_000, description="points of a window beyond which they are thinned")
     surfel_size: float = Field(0.03, gt=0.002, description="voxel that the last surfels are made from, m")
     coarse_surfel_size: float = Field(0.04, gt=0.002, description="voxel that the first surfels are made from, m")
+    settled_surfels: int = Field(8, ge=1, description="surfels of a voxel that are remembered once a window is solved")
     surfel_points: int = Field(8, ge=4, description="fewest points of a surfel")
     gate: float = Field(0.01, gt=0.001, description="largest distance between matched surfels in the last round, m")
     coarse_gate: float = Field(0.06, gt=0.001, description="largest distance between matched surfels at first, m")
@@ -31,6 +32,10 @@ class FrontEndSettings(Settings):
     kernel: float = Field(0.01, gt=0.0001, description="scale of the robust kernel, m")
     local_map: float = Field(3.0, gt=0.1, description="points farther than this from the sweep are forgotten, m")
     weakest: float = Field(1e6, gt=0, description="a direction with less information is not corrected, 1/m^2")
+    sweeps_per_place: int = Field(
+        8, ge=1, description="sweeps of a place that later ones are laid on, the first of them"
+    )
+    loops_per_sweep: int = Field(6, ge=1, description="earlier sweeps that a sweep may close loops with")
     loop_matches: int = Field(60, ge=6, description="fewest matched surfels of a loop")
     loop_agreement: float = Field(
         0.002, gt=0, description="median distance of matched surfels after a loop is closed, m"

@@ -27,7 +27,7 @@ class UniformSpline:
         return max(int(np.ceil((self.end - self.begin) / self.spacing)), 1) + 3
 
     def basis(self, t: Floats, derivative: int = 0) -> tuple[NDArray[np.int64], Floats]:
-        """First control point (n,) and the four weights (n, 4) for the value, or its first or second derivative, at t (n,).
+        """First control point (n,) and the four weights (n, 4) for the value, or one of its three derivatives, at t (n,).
 
         Times outside are held at the ends.
         """
@@ -42,6 +42,8 @@ class UniformSpline:
             return first, weights / (2 * self.spacing)
         if derivative == 2:
             return first, np.stack([1 - u, 3 * u - 2, 1 - 3 * u, u], axis=-1) / self.spacing**2
+        if derivative == 3:
+            return first, np.broadcast_to([-1.0, 3.0, -3.0, 1.0], (len(s), 4)) / self.spacing**3
         raise ValueError(f"derivative {derivative} of a cubic spline is not offered")
 
     def value(self, control: Floats, t: Floats, derivative: int = 0) -> Floats:

@@ -92,16 +92,31 @@ def extract_surfels(
     return Surfels(mean, normal, mean_time[good], group_sweep[:groups][good], thickness)
 
 
-def match_surfels(surfels: Surfels, gate: float, longest: float) -> tuple[Ints, Ints]:
+def match_surfels(
+    surfels: Surfels, gate: float, longest: float, asked: NDArray[np.bool_] | None = None
+) -> tuple[Ints, Ints]:
     """Pairs (m,), (m,) of surfels of different sweeps that may be the same place.
 
     For each surfel the nearest of every later sweep, no farther than `gate` metres, `longest` seconds and 25 degrees.
+    asked (n,): only pairs whose earlier surfel is one of these.
     """
     n = len(surfels.mean)
+    asked = np.ones(n, bool) if asked is None else asked
     key = np.empty(n, np.int64)
     kernels.voxel_keys(surfels.mean, gate, key)
     order = np.argsort(key, kind="stable")
-    arguments = (surfels.mean, surfels.normal, surfels.time, surfels.sweep, key, order, key[order], gate, longest)
+    arguments = (
+        asked,
+        surfels.mean,
+        surfels.normal,
+        surfels.time,
+        surfels.sweep,
+        key,
+        order,
+        key[order],
+        gate,
+        longest,
+    )
     room = 32 * n + 16
     while True:
         first, second = np.empty(room, np.int64), np.empty(room, np.int64)

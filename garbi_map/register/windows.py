@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from garbi_map.log.records import Mount
+from garbi_map.register.constants import Constants
 from garbi_map.register.covariance import pose_covariances
 from garbi_map.register.drift import Round, Scans, estimate_drift
 from garbi_map.register.factors import Anchor, Factor
@@ -18,6 +19,7 @@ from garbi_map.register.normal_equations import NormalEquations
 from garbi_map.register.sensors import Sensors
 from garbi_map.register.settings import DriftSettings
 from garbi_map.register.surfels import Surfels, join
+from garbi_map.register.thinning import earliest, within
 from garbi_map.sweep.store import SweepStore
 
 Floats = NDArray[np.float64]
@@ -26,20 +28,25 @@ _ANCHOR_STEP = 0.5
 """s between the poses that tie a window to the one before."""
 _OUTPUT_STEP = 0.02
 """s between the poses that a solved window hands on."""
+_COVARIANCE_STEP = 0.1
+"""s between those of them whose covariance is kept."""
+_MARGIN = 0.3
+"""m about a window within which settled surfels have a say."""
 
 
 @dataclass
 class Path:
     """Poses at ascending times, s, after the epoch: position (n, 3), quaternion (n, 4).
 
-    covariance (n, 6, 6) against the map's origin and north; relative (n, 6, 6) inside the map.
+    At fewer times, sure (k,) s: covariance (k, 6, 6) against the map's origin and north, relative (k, 6, 6) inside the map.
     """
 
     time: Floats
     position: Floats
     quaternion: Floats
-    covariance: Floats
-    relative: Floats
+    sure: Floats
+    covariance: NDArray[np.float32]
+    relative: NDArray[np.float32]
 
     def at(self, t: Floats) -> tuple[Floats, Rotation]:
         """Position (m, 3) and rotation at t (m,), held at the ends."""
@@ -52,12 +59,13 @@ class Path:
 
 @dataclass
 class Solution:
-    """The path, the surfels of every sweep placed by it, and how each window went."""
+    """The path, the surfels of every sweep placed by it, and how each window went: its rounds, its constants with their
+    covariance, the sigmas of its factors."""
 
     path: Path
     surfels: Surfels
     rounds: list[list[Round]] = field(default_factory=list)
-    constants: list[Floats] = field(default_factory=list)
+    constants: list[tuple[Constants, Floats]] = field(default_factory=list)
     sigmas: list[dict[str, float]] = field(default_factory=list)
 
 
@@ -69,6 +77,12 @@ def split(begin: float, end: float, settings: DriftSettings) -> list[tuple[float
     count = int(np.ceil((end - begin - settings.overlap) / stride))
     stride = (end - begin - settings.overlap) / count
     return [(begin + k * stride, begin + (k + 1) * stride + settings.overlap) for k in range(count)]
+
+
+def _sweep_begin(t: float, cuts: Floats) -> float:
+    """The last beginning (k,) s of a sweep before t: a window that began inside one would know it in part only."""
+    before = cuts[cuts <= t]
+    return float(before[-1]) if len(before) else t
 
 
 def load_scans(store: SweepStore, mount: Mount, sensors: Sensors, begin: float, end: float, most: int) -> Scans:
@@ -96,6 +110,7 @@ def load_scans(store: SweepStore, mount: Mount, sensors: Sensors, begin: float, 
         np.concatenate(profile or [np.empty(0, np.int32)]).astype(np.int32),
         np.concatenate(time or [np.empty(0)]),
         np.concatenate(sweeps or [np.empty(0, np.int64)]),
+        sensors.changes,
     )
 
 
@@ -133,11 +148,13 @@ def _solve(
     progress: Callable[[str], None],
 ) -> Solution:
     solution: Solution | None = None
-    windows = split(*span, settings)
+    cuts = np.array([(entry.begin_ns - sensors.epoch_ns) * 1e-9 for entry in store.entries])
+    windows = [(_sweep_begin(begin, cuts), end) for begin, end in split(*span, settings)]
     for number, (begin, end) in enumerate(windows):
         progress(f"window {number + 1} of {len(windows)}")
         scans = load_scans(store, mount, sensors, begin, end, settings.window_points)
-        motion = Motion(begin, end, sensors.prior_attitude, settings.position_knots, sensors.attitude_knots(settings))
+        knots = settings.position_knots, sensors.attitude_knots(settings)
+        motion = Motion(begin, end, sensors.prior_attitude, *knots, sensors.constants())
         if start is not None:
             t = motion.instants(_OUTPUT_STEP)
             motion.fit(t, *start.at(t))
@@ -150,8 +167,9 @@ def _solve(
             factors.append(anchor)
         elsewhere = None
         if start is not None and solution is not None:
-            new = np.unique(scans.sweep)
-            elsewhere = solution.surfels.without(new)
+            elsewhere = solution.surfels.without(np.unique(scans.sweep))
+            seen = scans.surfels(motion, settings.coarse_surfel_size, settings.surfel_points)
+            elsewhere = elsewhere.select(within(elsewhere, seen, _MARGIN))
         rounds, problem = estimate_drift(
             scans, motion, factors, settings, near_only=start is None, far_only=start is not None, elsewhere=elsewhere
         )
@@ -160,10 +178,13 @@ def _solve(
         if solution is None:
             solution = Solution(path, surfels)
         else:
-            solution.path = _blend(solution.path, path)
+            solution.path = _blend(solution.path, _inheriting(solution.path, path))
             solution.surfels = join(solution.surfels.without(np.unique(surfels.sweep)), surfels)
+        if start is not None:
+            known = earliest(solution.surfels, settings.surfel_size, settings.settled_surfels)
+            solution.surfels = solution.surfels.select(known)
         solution.rounds.append(rounds)
-        solution.constants.append(motion.constants.copy())
+        solution.constants.append((motion.constants, problem.covariance(motion.constants_columns)))
         solution.sigmas.append({type(factor).__name__: factor.sigma for factor in factors})
     assert solution is not None
     return solution
@@ -181,20 +202,44 @@ def _anchor(path: Path, motion: Motion) -> Anchor | None:
     if len(t) == 0:
         return None
     position, rotation = path.at(t)
-    theta = (rotation * motion.prior.at(t).inv()).as_rotvec()
     shared = np.sqrt(max(len(t) / 4.0, 1.0))
-    return Anchor(t, position, theta, 5e-4 * shared, 2e-4 * shared)
+    return Anchor(t, position, rotation, 5e-4 * shared, 2e-4 * shared)
 
 
 def _sample(motion: Motion, problem: NormalEquations) -> Path:
-    t = motion.instants(_OUTPUT_STEP)
-    return Path(t, motion.position(t), motion.rotation(t).as_quat(), *pose_covariances(motion, problem, t))
+    t, sure = motion.instants(_OUTPUT_STEP), motion.instants(_COVARIANCE_STEP)
+    covariance, relative = (values.astype(np.float32) for values in pose_covariances(motion, problem, sure))
+    return Path(t, motion.position(t), motion.rotation(t).as_quat(), sure, covariance, relative)
+
+
+def _inheriting(earlier: Path, later: Path) -> Path:
+    """The later path, which knows its covariance against the earlier one only, with that one's own added.
+
+    Inside the map, too, it is as sure as it is tied to the earlier one, not as its own window is in itself.
+    """
+    return replace(
+        later,
+        covariance=later.covariance + _carried(earlier, earlier.covariance, later),
+        relative=later.covariance + _carried(earlier, earlier.relative, later),
+    )
+
+
+def _carried(earlier: Path, covariance: NDArray[np.float32], later: Path) -> NDArray[np.float32]:
+    """What (k, 6, 6) the later path inherits: the earlier one's covariance in the middle of what they share, as that of a
+    rigid motion of all that comes after."""
+    middle = np.array([0.5 * (later.time[0] + earlier.time[-1])])
+    there = covariance[np.searchsorted(earlier.sure, middle[0])]
+    x, y, z = (later.at(later.sure)[0] - earlier.at(middle)[0]).T
+    zero = np.zeros_like(x)
+    motion = np.tile(np.eye(6), (len(x), 1, 1))
+    motion[:, :3, 3:] = np.stack([zero, z, -y, -z, zero, x, y, -x, zero], axis=1).reshape(-1, 3, 3)
+    return (motion @ there @ motion.transpose(0, 2, 1)).astype(np.float32)
 
 
 def _blend(earlier: Path, later: Path) -> Path:
     """The earlier path fades into the later one over what they share."""
     shared = later.time[0], earlier.time[-1]
-    before = earlier.time < shared[0]
+    before, sure_before = earlier.time < shared[0], earlier.sure < shared[0]
     position, rotation = earlier.at(later.time)
     weight = np.clip((later.time - shared[0]) / max(shared[1] - shared[0], 1e-9), 0.0, 1.0)[:, None]
     between = (Rotation.from_quat(later.quaternion) * rotation.inv()).as_rotvec()
@@ -202,6 +247,7 @@ def _blend(earlier: Path, later: Path) -> Path:
         np.r_[earlier.time[before], later.time],
         np.r_[earlier.position[before], position * (1 - weight) + later.position * weight],
         np.r_[earlier.quaternion[before], (Rotation.from_rotvec(between * weight) * rotation).as_quat()],
-        np.r_[earlier.covariance[before], later.covariance],
-        np.r_[earlier.relative[before], later.relative],
+        np.r_[earlier.sure[sure_before], later.sure],
+        np.r_[earlier.covariance[sure_before], later.covariance],
+        np.r_[earlier.relative[sure_before], later.relative],
     )

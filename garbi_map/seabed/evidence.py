@@ -8,6 +8,9 @@ from numpy.typing import NDArray
 from garbi_map.seabed.cells import SURROUNDING, VOXEL
 from garbi_map.seabed.settings import OutlierSettings
 
+_AT_ONCE = 1 << 17
+"""Voxels whose surroundings' covariances are in memory at once."""
+
 
 class Evidence:
     """A sparse grid of voxels that counts points and the profiles they came from.
@@ -97,14 +100,16 @@ def _surroundings(voxels: NDArray[np.void], side: float) -> NDArray[np.void]:
     from garbi_map.seabed import evidence_kernels as kernels
 
     surrounding = np.zeros(len(voxels), SURROUNDING)
-    covariance = np.zeros((len(voxels), 3, 3))
-    kernels.surroundings(voxels, side, surrounding, covariance)
+    for begin in range(0, len(voxels), _AT_ONCE):
+        covariance = np.zeros((min(_AT_ONCE, len(voxels) - begin), 3, 3))
+        kernels.surroundings(voxels, side, begin, surrounding, covariance)
+        here = np.flatnonzero(voxels["key"][begin : begin + _AT_ONCE] != -1)
+        value, vector = np.linalg.eigh(covariance[here])
+        normal = vector[:, :, 0] * np.where(vector[:, 2:, 0] < 0, -1.0, 1.0)
+        for k, axis in enumerate("xyz"):
+            surrounding[f"normal_{axis}"][begin + here] = normal[:, k]
+        surrounding["thickness"][begin + here] = np.maximum(value[:, 0], 0.0)
     full = np.flatnonzero(voxels["key"] != -1)
-    value, vector = np.linalg.eigh(covariance[full])
-    normal = vector[:, :, 0] * np.where(vector[:, 2:, 0] < 0, -1.0, 1.0)
-    for k, axis in enumerate("xyz"):
-        surrounding[f"normal_{axis}"][full] = normal[:, k]
-    surrounding["thickness"][full] = np.maximum(value[:, 0], 0.0)
     # fewer points than a plane needs with some to spare do not say how thick the surface is
     surrounding["thickness"][surrounding["count"] < 10] = np.inf
     column, member = np.unique(voxels["key"][full] >> 21, return_inverse=True)

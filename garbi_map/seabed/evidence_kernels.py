@@ -87,11 +87,11 @@ def rehash(old, new):
 
 
 @njit(cache=True, nogil=True)
-def surroundings(voxels, side, surrounding, covariance):
-    """Sum up the 3 x 3 x 3 voxels about every voxel: all of `surrounding` but share, normal and thickness, and the
-    covariance (slots, 3, 3) of its points, m^2."""
+def surroundings(voxels, side, begin, surrounding, covariance):
+    """Sum up the 3 x 3 x 3 voxels about each of the k voxels from slot `begin` on: all of `surrounding` but share, normal
+    and thickness, and the covariance (k, 3, 3) of its points, m^2."""
     low = (1 << 21) - 1
-    for slot in range(len(voxels)):
+    for slot in range(begin, begin + len(covariance)):
         if voxels[slot].key == -1:
             continue
         key = voxels[slot].key
@@ -132,7 +132,7 @@ def surroundings(voxels, side, surrounding, covariance):
         about.x = m[0]
         about.y = m[1]
         about.z = m[2]
-        c = covariance[slot]
+        c = covariance[slot - begin]
         c[0, 0] = m[3] - m[0] * m[0]
         c[0, 1] = c[1, 0] = m[4] - m[0] * m[1]
         c[0, 2] = c[2, 0] = m[5] - m[0] * m[2]

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from garbi_map.log.records import Image
+from garbi_map.words import many
 
 _RAW = {
     "bgr8": (3, np.uint8), "rgb8": (3, np.uint8), "bgra8": (4, np.uint8), "rgba8": (4, np.uint8),
@@ -31,7 +32,7 @@ class ImageLosses:
 
     def lines(self) -> list[str]:
         """One line per reason."""
-        return [f"{count} images: {reason}" for reason, count in sorted(self.reasons.items())]
+        return [f"{many(count, 'image')}: {reason}" for reason, count in sorted(self.reasons.items())]
 
 
 def decode(image: Image, size: tuple[int, int] | None = None, most_pixels: int = 50_000_000) -> NDArray[np.uint8]:

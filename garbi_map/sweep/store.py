@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -37,6 +37,8 @@ class SweepStore:
         self.folder = folder
         self.entries: list[StoredSweep] = []
         self.losses: list[str] = []
+        self.latency = 0.0
+        """s by which the encoder's stamps were taken to be late, beside what the log says."""
 
     @classmethod
     def open(cls, folder: Path) -> SweepStore | None:
@@ -45,7 +47,7 @@ class SweepStore:
         try:
             catalogue = json.loads((folder / _CATALOGUE).read_text())
             store.entries = [StoredSweep(**entry) for entry in catalogue["sweeps"]]
-            store.losses = catalogue["losses"]
+            store.losses, store.latency = catalogue["losses"], float(catalogue["latency"])
         except (OSError, ValueError, KeyError, TypeError):
             return None
         return store
@@ -53,21 +55,30 @@ class SweepStore:
     def add(self, sweep: Sweep) -> None:
         """Writes a sweep; points as float32, which resolves a micrometre at ten metres."""
         self.folder.mkdir(parents=True, exist_ok=True)
+        self.entries.append(self._write(len(self.entries), sweep))
+
+    def _write(self, index: int, sweep: Sweep) -> StoredSweep:
         arrays = {name: getattr(sweep, name) for name in _ARRAYS}
         arrays["points"] = sweep.points.astype(np.float32)
-        np.savez(self._file(len(self.entries)), **arrays)
+        np.savez(self._file(index), **arrays)
         stamps = sweep.stamp_ns
         blank = len(stamps) - len(np.unique(sweep.profile))
-        self.entries.append(
-            StoredSweep(len(self.entries), int(stamps[0]), int(stamps[-1]), len(stamps), blank, len(sweep.points))
-        )
+        return StoredSweep(index, int(stamps[0]), int(stamps[-1]), len(stamps), blank, len(sweep.points))
 
     def finish(self, losses: list[str]) -> None:
         """Writes the catalogue, with what was left out on the way; from now on the store can be opened again."""
         self.losses = losses
         self.folder.mkdir(parents=True, exist_ok=True)
-        catalogue = {"sweeps": [asdict(entry) for entry in self.entries], "losses": losses}
+        entries = [asdict(entry) for entry in self.entries]
+        catalogue = {"sweeps": entries, "losses": losses, "latency": self.latency}
         write_text(self.folder / _CATALOGUE, json.dumps(catalogue))
+
+    def retime(self, retimed: Callable[[Sweep], Sweep], latency: float) -> None:
+        """Replaces every sweep by what it is with an encoder whose stamps are late by so many seconds in all."""
+        (self.folder / _CATALOGUE).unlink(missing_ok=True)
+        self.latency = latency
+        self.entries = [self._write(index, retimed(self.load(index))) for index in range(len(self))]
+        self.finish(self.losses)
 
     def load(self, index: int) -> Sweep:
         """One sweep, points as float64."""

@@ -14,6 +14,7 @@ from garbi_map.sweep import kernels
 from garbi_map.sweep.angle import Angle
 from garbi_map.sweep.settings import SweepSettings
 from garbi_map.sweep.types import Sweep
+from garbi_map.words import many
 
 
 @dataclass
@@ -28,12 +29,12 @@ class SweepLosses:
 
     def lines(self) -> list[str]:
         """The losses that count as such, one line each. Points are rejected in every dive and are none."""
-        named = {
-            "profiles without a laser angle (gaps in the encoder)": self.profiles_without_angle,
-            "profiles whose stamp is not after the one before": self.profiles_out_of_order,
-            "sweeps with too few points, left out as a whole": self.sweeps_too_small,
-        }
-        return [f"{count} {what}" for what, count in named.items() if count]
+        named = (
+            (self.profiles_without_angle, "profile", "without a laser angle (gaps in the encoder)"),
+            (self.profiles_out_of_order, "profile", "with a stamp that is not after the one before"),
+            (self.sweeps_too_small, "sweep", "with too few points, left out as a whole"),
+        )
+        return [f"{many(count, thing)} {why}" for count, thing, why in named if count]
 
 
 class _Profile(NamedTuple):

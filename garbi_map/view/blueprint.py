@@ -20,6 +20,8 @@ _FROM = np.array([-0.42, -0.58, 0.46])
 """Where the first look comes from, in sizes of the scene: astern, from starboard, above."""
 _VEHICLE = 0.45
 """m from the vehicle's centre to its outside."""
+_OF_THE_MAP = ("Uncertainty", "Residual")
+"""Colourings that are seen without the vehicle: it would hide what they are for."""
 _LATELY = 4.0
 """s of profiles that are seen at once in a log."""
 
@@ -33,11 +35,13 @@ def map_blueprint(seabed: NDArray, route: NDArray, speed: float) -> Blueprint:
     import rerun.blueprint as rrb
 
     eye = _first_look(seabed, route)
-    scenes = [_coloured(colouring, eye) for colouring in style.COLOURINGS]
-    hidden = [style.POINTS, style.PROFILE, style.SHEET, style.POSE_SIGMA]
+    near = _first_look(seabed, seabed, 0.0)
+    scenes = [_coloured(one, near if one.name in _OF_THE_MAP else eye) for one in style.COLOURINGS]
+    hidden = [style.POINTS, style.PROFILE, style.SHEET, style.POSE_SIGMA, style.REJECTED, style.LOOPS]
     scenes.append(_scene(SURFACE, [f"- /{thing.path}" for thing in hidden], eye, {}))
     curves = rrb.Tabs(
-        rrb.Vertical(_plot(style.DRIFT_POSITION), _plot(style.DRIFT_ATTITUDE), name="Drift"),
+        rrb.Vertical(_plot(style.DRIFT_POSITION), _plot(style.DRIFT_TILT), name="Drift"),
+        rrb.Vertical(_plot(style.DRIFT_YAW), name="Heading"),
         rrb.Vertical(
             _plot(style.MISFIT),
             rrb.BarChartView(origin=style.ROUNDS, name="Distance of matches by round, mm", plot_legend=_no_legend()),
@@ -61,10 +65,51 @@ def log_blueprint(depth: float) -> Blueprint:
     )
     scene = _scene("Vehicle", [], eye, {f"/{style.PROFILE.path}": rrb.VisibleTimeRanges([lately])})
     curves = rrb.Tabs(
-        rrb.Vertical(_plot(style.ENCODER), _plot(style.STRENGTH), name="Scanner"),
+        rrb.Vertical(_plot(style.ENCODER), _plot(style.STRENGTH), _plot(style.BACKSCATTER), name="Scanner"),
         rrb.Vertical(_plot(style.ATTITUDE), _plot(style.DEPTH), _plot(style.VELOCITY), name="Vehicle"),
+        rrb.StateTimelineView(origin=style.LANES, name="Gaps"),
     )
     return _screen(rrb.Tabs(scene), curves, 1.0)
+
+
+def decision_blueprint() -> Blueprint:
+    """The layout of what behaviours decided: seen from starboard, in the vehicle's frame."""
+    import rerun.blueprint as rrb
+
+    eye = rrb.EyeControls3D(position=(0.1, -3.7, 2.1), look_target=(0.8, 0.0, -0.1), eye_up=(0, 0, 1))
+    scene = rrb.Spatial3DView(
+        origin=style.VEHICLE,
+        name="Surroundings, the vehicle stands still",
+        contents=[f"+ /{style.WORLD}/**"],
+        background=style.BACKGROUND,
+        line_grid=False,
+        eye_controls=eye,
+    )
+    words = rrb.Tabs(
+        rrb.TextDocumentView(origin=style.WORDS, name="Why"),
+        rrb.TextDocumentView(origin=style.ABOUT, name="What is this?"),
+        rrb.TextLogView(origin=style.LOSSES, name="What safety changed"),
+    )
+    lanes = rrb.StateTimelineView(origin=style.LANES, name="Who acts, what safety does, what was expected")
+    activation = rrb.TimeSeriesView(origin=style.ACTIVATION, name="Activation, 0 to 1")
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Vertical(scene, words, row_shares=[0.7, 0.3]),
+            rrb.Vertical(lanes, _plot(style.SURGE), activation, row_shares=[0.44, 0.28, 0.28]),
+            column_shares=[0.62, 0.38],
+        ),
+        *_panels(1.0),
+    )
+
+
+def work_blueprint() -> Blueprint:
+    """The layout of a map while it is built."""
+    import rerun.blueprint as rrb
+
+    scene = rrb.Spatial3DView(
+        origin=style.WORLD, name="The map as it grows", background=style.BACKGROUND, line_grid=False
+    )
+    return rrb.Blueprint(scene, *_panels(1.0))
 
 
 def _screen(scene: Any, curves: Any, speed: float) -> Blueprint:
@@ -81,15 +126,17 @@ def _screen(scene: Any, curves: Any, speed: float) -> Blueprint:
             rrb.Vertical(camera, curves, row_shares=[0.5, 0.5]),
             column_shares=[0.66, 0.34],
         ),
-        rrb.TimePanel(
-            state="collapsed",
-            timeline=style.TIMELINE,
-            playback_speed=max(speed, 1.0),
-            play_state="playing",
-        ),
-        rrb.SelectionPanel(state="hidden"),
-        rrb.BlueprintPanel(state="hidden"),
+        *_panels(speed),
     )
+
+
+def _panels(speed: float) -> list[Any]:
+    import rerun.blueprint as rrb
+
+    time = rrb.TimePanel(
+        state="collapsed", timeline=style.TIMELINE, playback_speed=max(speed, 1.0), play_state="playing"
+    )
+    return [time, rrb.SelectionPanel(state="hidden"), rrb.BlueprintPanel(state="hidden")]
 
 
 def _coloured(colouring: style.Colouring, eye: EyeControls3D) -> View:
@@ -100,8 +147,17 @@ def _coloured(colouring: style.Colouring, eye: EyeControls3D) -> View:
         "Points3D:colors", ComponentSourceKind.SourceComponent, source_component=colouring.component
     )
     shown = [rr.Points3D.from_fields().visualizer(mappings=[source]), _until_now()]
-    hidden = [style.MESH] if colouring.name == "Uncertainty" else [style.MESH, style.POSE_SIGMA]
-    return _scene(colouring.name, [f"- /{thing.path}" for thing in hidden], eye, {f"/{style.POINTS.path}": shown})
+    hidden = [style.MESH]
+    if colouring.name not in ("Uncertainty", "Sweep"):
+        hidden.append(style.POSE_SIGMA)
+    if colouring.name != "Residual":
+        hidden.append(style.REJECTED)
+    if colouring.name != "Sweep":
+        hidden.append(style.LOOPS)
+    without = [f"- /{thing.path}" for thing in hidden]
+    if colouring.name in _OF_THE_MAP:
+        without.append(f"- /{style.VEHICLE}/**")
+    return _scene(colouring.name, without, eye, {f"/{style.POINTS.path}": shown})
 
 
 def _scene(name: str, without: list[str], eye: EyeControls3D, overrides: Mapping[EntityPathLike, Any]) -> View:
@@ -118,11 +174,11 @@ def _scene(name: str, without: list[str], eye: EyeControls3D, overrides: Mapping
     )
 
 
-def _first_look(seabed: NDArray, route: NDArray) -> EyeControls3D:
+def _first_look(seabed: NDArray, route: NDArray, around: float = _VEHICLE) -> EyeControls3D:
     import rerun.blueprint as rrb
 
-    low = np.minimum(seabed.min(axis=0), route.min(axis=0) - _VEHICLE)
-    high = np.maximum(seabed.max(axis=0), route.max(axis=0) + _VEHICLE)
+    low = np.minimum(seabed.min(axis=0), route.min(axis=0) - around)
+    high = np.maximum(seabed.max(axis=0), route.max(axis=0) + around)
     target = (low + high) / 2
     return rrb.EyeControls3D(
         position=target + float(np.linalg.norm(high - low)) * _FROM, look_target=target, eye_up=(0, 0, 1)

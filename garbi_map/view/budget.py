@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from garbi_map.view.settings import ViewSettings
 
 _TRIANGLE = 24  # bytes of a triangle, with its half of a vertex: place, normal, colour
-_POINT = 28  # bytes of a point of the growing map: place and four colours
+_POINT = 36  # bytes of a point of the growing map: place and six colours
 _SEEN = 20  # bytes of a point of a profile: place in the rig and in the image
 _CURVES = 15_000  # bytes of poses and curves per second
 _LEAST = 400_000  # bytes without which there is nothing to see

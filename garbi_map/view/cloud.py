@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from garbi_map.export.palette import depth_colours, height_range
 from garbi_map.seabed import Seabed
 
-_HEAT = np.array([[24, 30, 74], [78, 44, 124], [168, 54, 104], [228, 94, 62], [250, 172, 52], [250, 242, 164]], float)
+_HEAT = np.array([[58, 62, 134], [96, 50, 140], [168, 54, 104], [228, 94, 62], [250, 172, 52], [250, 242, 164]], float)
+_EITHER = np.array([[60, 120, 240], [226, 226, 222], [232, 84, 64]], float)
 _GOLDEN = 0.61803398875  # of a turn in hue between neighbouring numbers: none of the next dozen looks the same
 
 
@@ -22,15 +23,19 @@ class FinishedMap:
     depths      what the depth ramp spans, `map` z, m
     weakest     1 sigma at the bright end of the uncertainty ramp, m
     brightest   intensity that is drawn white, 0..255
+    off         m off the surface at the ends of the residual's ramp
+    span_ns     begin and end of the dive
     """
 
     seabed: Seabed
     depths: tuple[float, float]
     weakest: float
     brightest: float
+    off: float
+    span_ns: tuple[int, int]
 
     @classmethod
-    def of(cls, seabed: Seabed) -> FinishedMap:
+    def of(cls, seabed: Seabed, span_ns: tuple[int, int]) -> FinishedMap:
         """The ramps that suit a seabed."""
         known = seabed.known
         return cls(
@@ -38,6 +43,8 @@ class FinishedMap:
             height_range(seabed.elevation),
             max(float(np.percentile(seabed.uncertainty[known], 98)), 1e-6),
             max(float(np.percentile(seabed.intensity[known], 98)), 1.0),
+            max(3.0 * float(np.nanmedian(seabed.standard_deviation[known])), 1e-4),
+            span_ns,
         )
 
     def cells(self, points: NDArray) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
@@ -61,7 +68,9 @@ class FinishedMap:
         off = np.abs(points[:, 2] - np.nan_to_num(self.seabed.elevation.ravel()[flat]))
         return known & (off < band + 4.0 * spread)
 
-    def colours(self, points: NDArray, intensity: NDArray, sweep: int) -> dict[str, NDArray[np.uint32]]:
+    def colours(
+        self, points: NDArray, intensity: NDArray, sweep: int, stamp_ns: NDArray[np.int64]
+    ) -> dict[str, NDArray[np.uint32]]:
         """Packed colours (n,) of points of a sweep, by the name of the colouring."""
         flat, _ = self.cells(points)
         grey = np.clip(intensity / self.brightest, 0.06, 1.0)[:, None] * 255.0
@@ -70,6 +79,8 @@ class FinishedMap:
             "Intensity": packed(np.repeat(grey, 3, axis=1)),
             "Uncertainty": packed(heat(self.seabed.uncertainty.ravel()[flat] / self.weakest)),
             "Sweep": packed(np.tile(hue(sweep), (len(points), 1))),
+            "Age": packed(heat((stamp_ns - self.span_ns[0]) / max(self.span_ns[1] - self.span_ns[0], 1))),
+            "Residual": packed(either_side(self.beside(points) / self.off)),
         }
 
 
@@ -78,6 +89,12 @@ def heat(share: NDArray) -> NDArray[np.uint8]:
     place = np.clip(np.nan_to_num(share, nan=1.0), 0.0, 1.0) * (len(_HEAT) - 1)
     steps = np.arange(len(_HEAT))
     return np.stack([np.interp(place, steps, _HEAT[:, k]) for k in range(3)], -1).round().astype(np.uint8)
+
+
+def either_side(share: NDArray) -> NDArray[np.uint8]:
+    """sRGB (n, 3) of shares (n,): blue at -1, pale at 0, red at 1; NaN is pale."""
+    place = np.clip(np.nan_to_num(share), -1.0, 1.0)
+    return np.stack([np.interp(place, (-1.0, 0.0, 1.0), _EITHER[:, k]) for k in range(3)], -1).round().astype(np.uint8)
 
 
 def hue(number: int) -> NDArray[np.uint8]:

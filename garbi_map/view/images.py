@@ -9,13 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from garbi_map.log import Image
-from garbi_map.stripe.decode import UnusableImage, decode
 from garbi_map.view import style
 from garbi_map.view.stream import at, set_time
+from garbi_map.view.thin import thinned
 
 if TYPE_CHECKING:
     from rerun import AsComponents, RecordingStream
 
+    from garbi_map.stripe import Stripe
+
+_BARS = 40
+"""Bars of sigma in an image."""
 _COMPRESSED = {b"\xff\xd8": "image/jpeg", b"\x89P": "image/png"}
 
 
@@ -41,6 +45,8 @@ def send_image(recording: RecordingStream, image: Image) -> int:
     if media is not None:
         shown = rr.EncodedImage(contents=data, media_type=media)
     else:
+        from garbi_map.stripe.decode import UnusableImage, decode  # slow to import, and seldom needed
+
         try:
             pixels = decode(image)
         except UnusableImage:
@@ -52,9 +58,13 @@ def send_image(recording: RecordingStream, image: Image) -> int:
 
 
 def style_stripe(recording: RecordingStream) -> None:
-    """How the stripe is drawn."""
+    """How the stripe is drawn, what else was found, and how sure it is."""
     import rerun as rr
 
+    others = rr.Points2D.from_fields(radii=1.6, colors=[style.CANDIDATES.colour])
+    recording.log(style.CANDIDATES.path, others, static=True)
+    bars = rr.LineStrips2D.from_fields(radii=0.4, colors=[style.STRIPE_SIGMA.colour])
+    recording.log(style.STRIPE_SIGMA.path, bars, static=True)
     recording.log(style.STRIPE.path, rr.Points2D.from_fields(radii=1.3, colors=[style.STRIPE.colour]), static=True)
 
 
@@ -69,3 +79,25 @@ def send_stripes(
 
     rows = rr.Points2D.columns(positions=(pixels + 0.5).astype(np.float32)).partition(lengths)
     recording.send_columns(style.STRIPE.path, at(stamp_ns), rows)
+
+
+def send_candidates(recording: RecordingStream, stamp_ns: NDArray[np.int64], others: list[NDArray]) -> None:
+    """What else might have been the stripe: pixels (n, 2) of each image at stamps (m,)."""
+    import rerun as rr
+
+    pixels = np.concatenate(others) + 0.5
+    rows = rr.Points2D.columns(positions=pixels.astype(np.float32)).partition([len(one) for one in others])
+    recording.send_columns(style.CANDIDATES.path, at(stamp_ns), rows)
+
+
+def send_sigma(recording: RecordingStream, stripes: list[Stripe]) -> None:
+    """Bars of SIGMA_SCALE sigma to either side of some points of each stripe."""
+    import rerun as rr
+
+    for stripe in stripes:
+        pick = thinned(len(stripe.u), _BARS)
+        u, reach, row = stripe.u[pick], style.SIGMA_SCALE * stripe.sigma[pick], stripe.row[pick]
+        ends = np.stack([np.stack([u - reach, row], 1), np.stack([u + reach, row], 1)], axis=1) + 0.5
+        set_time(recording, stripe.stamp_ns)
+        recording.log(style.STRIPE_SIGMA.path, rr.LineStrips2D.from_fields(strips=list(ends.astype(np.float32))))
+    recording.reset_time()

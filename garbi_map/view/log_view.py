@@ -13,16 +13,18 @@ from garbi_map.config import Config
 from garbi_map.errors import GarbiError
 from garbi_map.log import Image, Log, Mount, Navigation
 from garbi_map.rig import Rig
-from garbi_map.stripe import ImageLosses, Stripe, StripeDetector, detect_all
+from garbi_map.stripe import ImageLosses, Stripe, detect_all
 from garbi_map.sweep import laser_angle
 from garbi_map.view import style
 from garbi_map.view.about import about_log
-from garbi_map.view.images import send_image, send_stripes, style_stripe
+from garbi_map.view.images import send_candidates, send_image, send_sigma, send_stripes, style_stripe
+from garbi_map.view.lanes import Lanes
 from garbi_map.view.losses import send_losses
 from garbi_map.view.silence import Silence
 from garbi_map.view.stream import at, name_curves, send_curves
 from garbi_map.view.thin import thinned
 from garbi_map.view.vehicle import draw_profiles, draw_vehicle
+from garbi_map.view.watching import WatchingDetector
 
 if TYPE_CHECKING:
     from rerun import RecordingStream
@@ -35,7 +37,7 @@ _MARGIN_NS = 1_000_000_000
 _MOST_WINDOWS = 10_000
 _MOST_ROWS = 192
 """Points of a stripe that are drawn."""
-_PLOTS = (style.ENCODER, style.STRENGTH, style.ATTITUDE, style.DEPTH, style.VELOCITY)
+_PLOTS = (style.ENCODER, style.STRENGTH, style.ATTITUDE, style.DEPTH, style.VELOCITY, style.BACKSCATTER)
 
 
 def first_depth(log: Log, config: Config) -> float:
@@ -57,10 +59,10 @@ def stream_log(
     for plot in _PLOTS:
         name_curves(recording, plot)
     style_stripe(recording)
-    silence = Silence()
+    silence, lanes = Silence(), Lanes(recording)
     known: list[str] = []
     losses = ImageLosses()
-    drawn = False
+    drawn, damaged, lost_until = False, 0, 0
     for begin, end in _windows(log):
         navigation = log.navigation(
             begin - _MARGIN_NS, end + _MARGIN_NS, joint=rig.laser.joint if rig else "laser_joint"
@@ -70,14 +72,22 @@ def stream_log(
             drawn = True
         _send_navigation(recording, navigation, config, begin, end)
         _send_camera(recording, log, rig, navigation, config, begin, end, workers, silence, losses)
-        for stamp_ns, line in silence.gaps(navigation, begin, end):
-            send_losses(recording, [line], stamp_ns)
+        for gap in silence.gaps(navigation, begin, end):
+            send_losses(recording, [gap.line], gap.begin_ns)
+            lanes.span(gap.sensor, style.NOTHING, gap.begin_ns, gap.end_ns)
+        for first, last in log.damaged[damaged:]:
+            lanes.span("log", style.DAMAGED, max(first, lost_until), last)
+            lost_until = last
+        damaged = len(log.damaged)
         new = [line for line in log.losses if line not in known]
         known += new
         send_losses(recording, new, begin)
         yield end
-    for stamp_ns, line in silence.ends(log.end_ns):
-        send_losses(recording, [line], stamp_ns)
+    for gap in silence.ends(log.end_ns):
+        send_losses(recording, [gap.line], gap.begin_ns)
+        lanes.span(gap.sensor, style.NOTHING, gap.begin_ns, gap.end_ns)
+    if not lanes.any:
+        lanes.span("log", style.WHOLE, log.begin_ns, log.end_ns)
     for line in losses.lines():
         log.lose(line)
     send_losses(recording, losses.lines(), log.end_ns)
@@ -161,7 +171,7 @@ def _send_camera(
                 yield image
 
     angle = _angle(found, rig, config)
-    detector = StripeDetector(config.stripe, rig)
+    detector = WatchingDetector(config.stripe, rig)
     stripes = list(detect_all(images(), detector, angle.alpha if angle else None, workers, losses))
     recording.reset_time()
     if not stripes:
@@ -171,7 +181,11 @@ def _send_camera(
     lengths = np.array([len(pick) for pick in picks])
     u = np.concatenate([stripe.u[pick] for stripe, pick in zip(stripes, picks, strict=True)])
     row = np.concatenate([stripe.row[pick] for stripe, pick in zip(stripes, picks, strict=True)])
+    seen = [detector.take(stripe.stamp_ns) for stripe in stripes]
+    send_curves(recording, style.BACKSCATTER, stamps, [one.water for one in seen])
     if config.view.images:
+        send_candidates(recording, stamps, [one.others[thinned(len(one.others), _MOST_ROWS // 2)] for one in seen])
+        send_sigma(recording, stripes)
         send_stripes(recording, stamps, np.stack([u, row], axis=1), lengths)
     rows = rig.camera.height if rig else max(int(row.max(initial=0)) + 1, 1)
     send_curves(recording, style.STRENGTH, stamps, [_strength(stripe, rows) for stripe in stripes])

@@ -19,6 +19,7 @@ from garbi_map.view.stream import at, name_curves, recording_file, send_curves
 from garbi_map.view.surface import draw_surface
 from garbi_map.view.sweeps import send_sweeps
 from garbi_map.view.thin import thinned
+from garbi_map.view.truth import draw_truth
 from garbi_map.view.vehicle import draw_vehicle
 
 if TYPE_CHECKING:
@@ -45,9 +46,12 @@ def record_map(path: Path, dive: Dive, store: SweepStore, built: Map, mesh: Mesh
     seconds = float(ours.stamp_ns[-1] - ours.stamp_ns[0]) * 1e-9
     layout = map_blueprint(mesh.vertices, ours.position, seconds / settings.longest_film)
     with recording_file(path, dive.paths[0].stem, layout) as recording:
-        recording.log(style.ABOUT, rr.TextDocument(about_map(dive, built), media_type="text/markdown"), static=True)
         draw_vehicle(recording, dive.rig, dive.navigation.mount("rig"))
         _draw_routes(recording, dive, built)
+        _draw_loops(recording, store, built)
+        truth = draw_truth(recording, dive.log, ours)
+        words = about_map(dive, built, truth)
+        recording.log(style.ABOUT, rr.TextDocument(words, media_type="text/markdown"), static=True)
         _send_curves(recording, dive, built)
         shown, size = None, 0
         if settings.images:
@@ -88,16 +92,31 @@ def _draw_routes(recording: RecordingStream, dive: Dive, built: Map) -> None:
     recording.log(style.POSE_SIGMA.path, ellipsoids, static=True)
 
 
+def _draw_loops(recording: RecordingStream, store: SweepStore, built: Map) -> None:
+    """A line between the vehicle's places in the middle of two sweeps that were found to show the same ground."""
+    import rerun as rr
+
+    looped = [pair for pair in built.registered.looped if max(pair) < len(store.entries)]
+    if not looped:
+        return
+    middle = np.array([(entry.begin_ns + entry.end_ns) // 2 for entry in store.entries], np.int64)
+    place = built.registered.trajectory.at(middle).position
+    chosen = np.array(looped)[thinned(len(looped), _VERTICES // 10)]
+    lines = rr.LineStrips3D(place[chosen].astype(np.float32), radii=0.0025, colors=[style.LOOPS.colour] * len(chosen))
+    recording.log(style.LOOPS.path, lines, static=True)
+
+
 def _send_curves(recording: RecordingStream, dive: Dive, built: Map) -> None:
     import rerun as rr
 
     ours, own = built.registered.trajectory, built.navigated.trajectory
     navigation = own.at(ours.stamp_ns)
     turn = (ours.rotation * navigation.rotation.inv()).as_rotvec()  # about x, y, z of the map: roll, pitch, yaw
-    for plot in (style.DRIFT_POSITION, style.DRIFT_ATTITUDE, style.DEPTH, style.SPEED, style.ENCODER):
+    for plot in (style.DRIFT_POSITION, style.DRIFT_TILT, style.DRIFT_YAW, style.DEPTH, style.SPEED, style.ENCODER):
         name_curves(recording, plot)
     send_curves(recording, style.DRIFT_POSITION, ours.stamp_ns, 1e3 * (ours.position - navigation.position))
-    send_curves(recording, style.DRIFT_ATTITUDE, ours.stamp_ns, np.rad2deg(turn))
+    send_curves(recording, style.DRIFT_TILT, ours.stamp_ns, np.rad2deg(turn[:, :2]))
+    send_curves(recording, style.DRIFT_YAW, ours.stamp_ns, np.rad2deg(turn[:, 2]))
     send_curves(recording, style.DEPTH, ours.stamp_ns, -ours.position[:, 2])
     send_curves(recording, style.SPEED, own.stamp_ns, np.linalg.norm(built.navigated.velocity, axis=1))
     encoder = dive.navigation.encoder

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,6 +14,15 @@ _GAP = 8.0
 """A sensor is silent when this many of its usual periods pass without a message."""
 _LEAST_GAP = 0.5
 """Seconds; shorter silences are not worth a word."""
+
+
+class Gap(NamedTuple):
+    """When a sensor was silent, which it was, and that in one line."""
+
+    begin_ns: int
+    end_ns: int
+    sensor: str
+    line: str
 
 
 class Silence:
@@ -33,8 +43,8 @@ class Silence:
         self._new.append(stamp_ns)
         self.images += 1
 
-    def gaps(self, navigation: Navigation, begin_ns: int, end_ns: int) -> Iterator[tuple[int, str]]:
-        """(stamp at which it begins, one line) for each gap that ended in the window."""
+    def gaps(self, navigation: Navigation, begin_ns: int, end_ns: int) -> Iterator[Gap]:
+        """Each gap that ended in the window."""
         heard = {"images": np.array(self._new, np.int64)}
         self._new.clear()
         for name in ("encoder", "imu", "pressure", "dvl"):
@@ -51,14 +61,15 @@ class Silence:
             self._last[name] = int(own[-1])
             for k in np.flatnonzero(steps > self._longest(name)):
                 self.found += 1
-                yield int(whole[k]), f"{name}: nothing for {steps[k]:.1f} s"
+                yield Gap(int(whole[k]), int(whole[k + 1]), name, f"{name}: nothing for {steps[k]:.1f} s")
 
-    def ends(self, end_ns: int) -> Iterator[tuple[int, str]]:
-        """(stamp, one line) for each sensor that stopped before the log did."""
+    def ends(self, end_ns: int) -> Iterator[Gap]:
+        """Each sensor that stopped before the log did."""
         for name, last in self._last.items():
             if (end_ns - last) * 1e-9 > self._longest(name):
                 self.found += 1
-                yield last, f"{name}: nothing more, {(end_ns - last) * 1e-9:.1f} s before the end"
+                line = f"{name}: nothing more, {(end_ns - last) * 1e-9:.1f} s before the end"
+                yield Gap(last, end_ns, name, line)
 
     def _longest(self, name: str) -> float:
         return max(_LEAST_GAP, _GAP * self._period.get(name, np.inf))

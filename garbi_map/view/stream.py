@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from garbi_map.aside import written_aside
 from garbi_map.errors import GarbiError
-from garbi_map.export import written_aside
 from garbi_map.view.style import APPLICATION, TIMELINE, Plot
 
 if TYPE_CHECKING:

@@ -22,6 +22,11 @@ FRAME: Colour = (92, 100, 112)
 THRUSTER: Colour = (52, 58, 68)
 AXES: tuple[Colour, Colour, Colour] = ((235, 90, 90), (110, 200, 90), (90, 150, 250))
 BACKGROUND: Colour = (14, 20, 28)
+ALARM: Colour = (236, 84, 76)
+CAUTION: Colour = (244, 190, 70)
+WELL: Colour = (92, 190, 120)
+QUIET: Colour = (84, 100, 122)
+TRUTH: Colour = (214, 120, 220)
 
 
 @dataclass(frozen=True)
@@ -70,23 +75,72 @@ POSE_SIGMA = Thing(
 PROFILE = Thing("map/vehicle/rig/profile", LASER, "green points", "the profile that the camera sees at this moment")
 SHEET = Thing("map/vehicle/rig/sheet", LASER, "green fan", "the laser's sheet of light")
 STRIPE = Thing(IMAGE + "/stripe", OURS, "orange dots in the image", "the laser line as it was found")
+CANDIDATES = Thing(IMAGE + "/candidates", CAMERA, "blue dots", "what else might have been the laser line")
+STRIPE_SIGMA = Thing(IMAGE + "/sigma", CAUTION, "yellow bars", "how sure the laser line is, 1 sigma, 20 x larger")
 MESH = Thing("map/seabed/mesh", (30, 116, 148), "surface", "the finished seabed as a mesh, dark blue is deep")
 POINTS = Thing("map/seabed/points", (30, 116, 148), "points", "the map as it grows")
 
+LOOPS = Thing("map/route/loops", WELL, "green lines", "two passes over the same ground that were found to be the same")
+TRUTH_ROUTE = Thing("map/truth/route", TRUTH, "violet line", "the true path, where the log of a simulation has it")
+REJECTED = Thing("map/seabed/moving", ALARM, "red points", "what moved or floated: seen, and left out of the map")
+COMPARED = "map/compare"
+"""Where what changed since another map is drawn."""
+
+COMMAND = Thing("map/vehicle/intent/command", OURS, "orange arrow", "the command, after safety had the last word")
+PROPOSAL = Thing("map/vehicle/intent/proposal", CAMERA, "other arrows", "what each behaviour wants")
+SAFE = Thing("map/vehicle/intent/safe_set", WELL, "green outlines", "the safe set: where arrows may end")
+OCCUPIED = Thing("map/volume/occupied", (92, 128, 156), "blue-grey blocks", "where something is")
+FREE = Thing("map/volume/free", (58, 70, 88), "grey dots", "water that was seen to be free; everything else is unknown")
+MOVING = Thing("map/moving/things", ALARM, "red ball", "something that moves, its arrow says where to")
+MOVING_VELOCITY = "map/moving/velocity"
+WORDS = "words"
+LANES = "lanes"
+
+ACTS, LEADS, CHANGES, TROUBLE = "acts", "leads", "changes it", "trouble"
+NOTHING, DAMAGED, WHOLE = "nothing", "damaged", "without gaps"
+STATES: dict[str, Colour] = {
+    ACTS: CAMERA,
+    LEADS: OURS,
+    CHANGES: CAUTION,
+    TROUBLE: ALARM,
+    "held": WELL,
+    "failed": ALARM,
+    "no encounter": QUIET,
+    NOTHING: CAUTION,
+    DAMAGED: ALARM,
+    WHOLE: WELL,
+}
+"""What bands on the timeline say, and in which colour."""
+_BEHAVIOURS: dict[str, Colour] = {
+    "avoidance": ALARM,
+    "travel": CAMERA,
+    "hold": (178, 140, 250),
+    "survey": (80, 210, 210),
+}
+
+
+def proposal(name: str) -> Thing:
+    """The arrow of a behaviour."""
+    return Thing(f"{PROPOSAL.path}/{name}", _BEHAVIOURS.get(name, NAVIGATION), f"arrow of {name}", "what it wants")
+
+
 SIGMA_SCALE = 20.0
-"""How many times larger than 1 sigma the ellipsoids of POSE_SIGMA are drawn."""
+"""How many times larger than 1 sigma POSE_SIGMA and STRIPE_SIGMA are drawn."""
 
 COLOURINGS = (
     Colouring("Depth", "Points3D:colors", "dark blue is deep, pale is shallow"),
     Colouring("Intensity", "Colouring:intensity", "how brightly the laser came back"),
     Colouring("Uncertainty", "Colouring:uncertainty", "dark is sure, yellow is weak"),
     Colouring("Sweep", "Colouring:sweep", "each pass of the laser in its own colour"),
+    Colouring("Age", "Colouring:age", "dark is the begin of the dive, yellow its end"),
+    Colouring("Residual", "Colouring:residual", "blue lies below the finished surface, red above it"),
 )
 
 DRIFT_POSITION = Plot("curves/drift/position", "Drift found, mm", tuple(zip("xyz", AXES, strict=True)))
-DRIFT_ATTITUDE = Plot(
-    "curves/drift/attitude", "Drift found, degrees", tuple(zip(("roll", "pitch", "yaw"), AXES, strict=True))
+DRIFT_TILT = Plot(
+    "curves/drift/tilt", "Drift found, roll and pitch, degrees", tuple(zip(("roll", "pitch"), AXES[:2], strict=True))
 )
+DRIFT_YAW = Plot("curves/drift/yaw", "Drift found, yaw, degrees", (("yaw", AXES[2]),))
 MISFIT = Plot("curves/misfit", "Sweep to finished map, mm", (("this map", OURS), ("navigation alone", NAVIGATION)))
 ENCODER = Plot("curves/encoder", "Laser angle, degrees", (("laser angle", LASER),))
 DEPTH = Plot("curves/depth", "Depth, m", (("depth", AXES[2]),))
@@ -94,3 +148,17 @@ SPEED = Plot("curves/speed", "Speed, m/s", (("speed", OURS),))
 ATTITUDE = Plot("curves/attitude", "Attitude, degrees", tuple(zip(("roll", "pitch", "yaw"), AXES, strict=True)))
 VELOCITY = Plot("curves/velocity", "Velocity over ground, m/s", tuple(zip("xyz", AXES, strict=True)))
 STRENGTH = Plot("curves/stripe", "Stripe: strength of 255, rows seen in %", (("strength", LASER), ("rows seen", OURS)))
+BACKSCATTER = Plot(
+    "curves/water",
+    "Water: backscatter beside the stripe, of 255",
+    (("left of it", CAUTION), ("right of it", NAVIGATION)),
+)
+SURGE = Plot("curves/surge", "Surge, m/s", (("asked for", NAVIGATION), ("commanded", OURS)))
+
+
+def activation(name: str) -> Plot:
+    """How much a behaviour wants to act."""
+    return Plot(f"curves/activation/{name}", "Activation, 0 to 1", ((name, proposal(name).colour),))
+
+
+ACTIVATION = "curves/activation"

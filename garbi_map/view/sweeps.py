@@ -11,7 +11,7 @@ from garbi_map.view import style
 from garbi_map.view.budget import Budget
 from garbi_map.view.cloud import FinishedMap
 from garbi_map.view.images import send_stripes, style_stripe
-from garbi_map.view.stream import at, name_curves, send_curves
+from garbi_map.view.stream import at, name_curves, send_curves, set_time
 from garbi_map.view.thin import runs, thinned
 from garbi_map.view.vehicle import draw_profiles
 
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from garbi_map.sweep import Sweep
     from garbi_map.sweep.store import SweepStore
 
+_REJECTED = 500
+"""Most points of a sweep that are drawn although they are not of the map."""
 _STEP_NS = 250_000_000
 """How often the growing map gets new points."""
 
@@ -42,7 +44,10 @@ def send_sweeps(
     recording.log(style.POINTS.path, rr.Points3D.from_fields(radii=dive.config.view.point_radius), static=True)
     style_stripe(recording)
     name_curves(recording, style.MISFIT)
-    finished = FinishedMap.of(built.seabed)
+    rejected = rr.Points3D.from_fields(radii=2 * dive.config.view.point_radius, colors=[style.REJECTED.colour])
+    recording.log(style.REJECTED.path, rejected, static=True)
+    ours = built.registered.trajectory
+    finished = FinishedMap.of(built.seabed, (int(ours.stamp_ns[0]), int(ours.stamp_ns[-1])))
     misfit = []
     for sweep in store:
         _send_profiles(recording, dive, sweep, budget, shown)
@@ -61,13 +66,14 @@ def _send_points(
     chosen = thinned(len(sweep.points), round(1.2 * budget.points_per_sweep))  # a sixth may be snow
     points = _placed(sweep, chosen, built.registered.trajectory, mount)
     good = finished.belongs(points, dive.config.view.outlier_band)
+    _send_rejected(recording, sweep, points[~good])
     chosen, points = chosen[good], points[good]
     if len(points) == 0:
         return np.nan, np.nan
     before = _placed(sweep, chosen, built.navigated.trajectory, mount)
     stamps = sweep.stamp_ns[sweep.profile[chosen]]
     first, lengths = runs((stamps - stamps[0]) // _STEP_NS)
-    colours = finished.colours(points, sweep.intensity[chosen], sweep.index)
+    colours = finished.colours(points, sweep.intensity[chosen], sweep.index, stamps)
     named = {
         one.component.partition(":")[2]: rr.components.ColorBatch(colours[one.name]) for one in style.COLOURINGS[1:]
     }
@@ -77,6 +83,17 @@ def _send_points(
     ]
     recording.send_columns(style.POINTS.path, at(stamps[first + lengths - 1]), rows)
     return _typical(finished.beside(points)), _typical(finished.beside(before))
+
+
+def _send_rejected(recording: RecordingStream, sweep: Sweep, points: NDArray) -> None:
+    """What is not of the seabed: points (n, 3) in `map`, seen for the time of their sweep."""
+    import rerun as rr
+
+    few = thinned(len(points), _REJECTED)
+    for stamp_ns, shown in ((sweep.stamp_ns[0], points[few]), (sweep.stamp_ns[-1], points[:0])):
+        set_time(recording, int(stamp_ns))
+        recording.log(style.REJECTED.path, rr.Points3D.from_fields(positions=shown.astype(np.float32)))
+    recording.reset_time()
 
 
 def _send_profiles(

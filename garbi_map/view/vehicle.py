@@ -25,9 +25,14 @@ def draw_vehicle(recording: RecordingStream, rig: Rig, mount: Mount) -> None:
     import rerun as rr
 
     recording.log(style.WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    draw_body(recording)
+    _draw_rig(recording, rig, mount)
+
+
+def draw_body(recording: RecordingStream) -> None:
+    """The vehicle without its rig."""
     _draw_hull(recording)
     _draw_thrusters(recording)
-    _draw_rig(recording, rig, mount)
 
 
 def draw_profiles(

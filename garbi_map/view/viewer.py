@@ -84,6 +84,13 @@ def viewer(file: Path | None, web: bool, port: int = WEB_PORT) -> Iterator[Viewe
                 process.wait()
 
 
+def open_in(opened: Viewer, file: Path) -> None:
+    """A recording, in a viewer that runs already."""
+    port = opened.proxy.rsplit(":", 1)[1].partition("/")[0]
+    quiet = {**os.environ, "RERUN_ANALYTICS": "0", "RUST_LOG": "error"}
+    subprocess.run([str(viewer_binary()), "--port", port, str(file)], env=quiet, check=False, capture_output=True)
+
+
 @contextmanager
 def _terminated_in_order() -> Iterator[None]:
     """SIGTERM ends the block as an exception does, so that no viewer is left behind."""

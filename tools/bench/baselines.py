@@ -4,18 +4,25 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from garbi_map.log.records import Mount
 from garbi_map.navigate import Trajectory, place
+from garbi_map.register.front_end import ScanToMap
+from garbi_map.register.settings import FrontEndSettings
 from garbi_map.sweep.store import SweepStore
 
 Floats = NDArray[np.float64]
 
-
-def placed(store: SweepStore, trajectory: Trajectory, mount: Mount) -> Floats:
-    """All points (n, 3) of a store in the map, each by the pose of its own profile."""
-    return np.concatenate([place(sweep, trajectory.at(sweep.stamp_ns).mounted(mount)) for sweep in store])
+_VOXEL = 0.01
+"""m, to which sweeps are thinned."""
+_GATE = 0.05
+"""m, of a correspondence."""
+_BEFORE = 8
+"""Sweeps that a new one is laid on."""
+_OVERLAP = 0.3
+"""Least share of a sweep's points that lie within the gate of an earlier one's, for a loop to be tried."""
 
 
 def stock_kiss_icp(store: SweepStore, mount: Mount) -> Trajectory:
@@ -39,33 +46,74 @@ def stock_kiss_icp(store: SweepStore, mount: Mount) -> Trajectory:
     return _rigid(stamps, poses)
 
 
-def gicp(store: SweepStore, navigation: Trajectory, mount: Mount, against: int = 8) -> Trajectory:
-    """Open3D's generalised ICP of each sweep, de-skewed by the navigation filter, against the last `against` ones."""
+def kiss_icp(store: SweepStore, navigation: Trajectory, mount: Mount) -> Trajectory:
+    """kiss-icp in centimetres, sweeps de-skewed by the navigation filter, the last correction as the guess."""
+    front_end = ScanToMap(FrontEndSettings())
+    corrections = [np.eye(4)]
+    for points in _deskewed(store, navigation, mount):
+        corrections.append(front_end.align(points, corrections[-1]))
+        front_end.insert(points, corrections[-1])
+    return _moved(navigation, _middles(store), np.array(corrections[1:]))
+
+
+def gicp_pose_graph(store: SweepStore, navigation: Trajectory, mount: Mount) -> Trajectory:
+    """small_gicp's GICP of each sweep, de-skewed by the navigation filter, against the last ones; then of all pairs that
+    overlap, and Open3D's pose graph over them."""
     import open3d as o3d
+    import small_gicp
+
+    def laid(source: Floats, target: Floats, guess: Floats) -> tuple[Floats, Floats]:
+        found = small_gicp.align(
+            target, source, guess, registration_type="GICP", max_correspondence_distance=_GATE,
+            downsampling_resolution=_VOXEL, num_threads=1, max_iterations=40, rotation_epsilon=1e-5,
+            translation_epsilon=1e-5,
+        )  # fmt: skip
+        return np.asarray(found.T_target_source), np.asarray(found.H)
 
     registration = o3d.pipelines.registration
-    clouds: list[o3d.geometry.PointCloud] = []
-    correction = np.eye(4)
-    stamps, moves = [], []
+    clouds = list(_deskewed(store, navigation, mount))
+    graph = registration.PoseGraph()
+    poses: list[Floats] = []
+    moved: list[Floats] = []
+    for k, cloud in enumerate(clouds):
+        pose = poses[-1] if poses else np.eye(4)
+        if k:
+            pose, _ = laid(cloud, np.concatenate(moved[-_BEFORE:]), pose)
+        poses.append(pose)
+        moved.append(cloud @ pose[:3, :3].T + pose[:3, 3])
+        graph.nodes.append(registration.PoseGraphNode(pose))
+    for second in range(1, len(clouds)):
+        for first in range(second):
+            reach = cKDTree(moved[first]).query(moved[second], distance_upper_bound=_GATE)[0]
+            neighbours = second == first + 1
+            if not neighbours and (reach < np.inf).mean() < _OVERLAP:
+                continue
+            guess = np.linalg.inv(poses[first]) @ poses[second]
+            between, information = laid(clouds[second], clouds[first], guess)
+            graph.edges.append(
+                registration.PoseGraphEdge(second, first, between, information, uncertain=not neighbours)
+            )
+    registration.global_optimization(
+        graph,
+        registration.GlobalOptimizationLevenbergMarquardt(),
+        registration.GlobalOptimizationConvergenceCriteria(),
+        registration.GlobalOptimizationOption(max_correspondence_distance=_GATE, reference_node=0),
+    )
+    return _moved(navigation, _middles(store), np.array([node.pose for node in graph.nodes]))
+
+
+def _deskewed(store: SweepStore, navigation: Trajectory, mount: Mount) -> list[Floats]:
+    """Each sweep's points (n, 3) as the navigation filter places them, one to a voxel."""
+    out = []
     for sweep in store:
-        cloud = o3d.geometry.PointCloud(
-            o3d.utility.Vector3dVector(place(sweep, navigation.at(sweep.stamp_ns).mounted(mount)))
-        ).voxel_down_sample(0.01)
-        if clouds:
-            target = o3d.geometry.PointCloud()
-            for earlier in clouds[-against:]:
-                target += earlier
-            found = registration.registration_generalized_icp(
-                cloud, target.voxel_down_sample(0.01), 0.05, correction,
-                registration.TransformationEstimationForGeneralizedICP(),
-                registration.ICPConvergenceCriteria(max_iteration=40),
-            )  # fmt: skip
-            correction = np.array(found.transformation)
-        cloud.transform(correction)
-        clouds.append(cloud)
-        stamps.append((int(sweep.stamp_ns[0]) + int(sweep.stamp_ns[-1])) // 2)
-        moves.append(correction)
-    return _moved(navigation, np.array(stamps), np.array(moves))
+        points = place(sweep, navigation.at(sweep.stamp_ns).mounted(mount))
+        voxel = np.floor(points / _VOXEL).astype(np.int64)
+        out.append(points[np.unique(voxel, axis=0, return_index=True)[1]])
+    return out
+
+
+def _middles(store: SweepStore) -> NDArray[np.int64]:
+    return np.array([(entry.begin_ns + entry.end_ns) // 2 for entry in store.entries], np.int64)
 
 
 def _moved(trajectory: Trajectory, stamps: NDArray[np.int64], moves: Floats) -> Trajectory:

@@ -17,6 +17,7 @@ from garbi_map.log.records import Floats
 from garbi_map.rig import Rig
 
 PIXELS = 6000  # of a printed face's longer side
+DARK = 6.0  # sheet's sigmas, beyond which it gives no light that a grey level could show
 
 
 @dataclass(frozen=True)
@@ -41,12 +42,14 @@ class Look:
 
 @dataclass(frozen=True)
 class Placed:
-    """reflect (n,) grey levels of all rays; those `on` (k,) the target, and where they meet it, points (k, 3) m, rig
-    frame."""
+    """What every pixel's rays meet: reflect (p, s) grey levels of p pixels' s rays, and where they meet the target,
+    points (p, s, 3) m, rig frame, NaN beside it; width (p,) m over which those of a pixel spread; still (h, w) the image
+    without a stripe."""
 
     reflect: Floats
-    on: NDArray[np.int64]
     points: Floats
+    width: Floats
+    still: Floats
 
 
 class Booth:
@@ -58,8 +61,10 @@ class Booth:
         step = (np.arange(samples) + 0.5) / samples - 0.5
         u = (np.arange(camera.width)[:, None] + step).ravel()
         v = (np.arange(camera.height)[:, None] + step).ravel()
-        columns, rows = np.meshgrid(u, v)
-        self._origin, self._direction = camera.rays(columns.ravel(), rows.ravel())
+        shape = (camera.height, samples, camera.width, samples)
+        # the rays of one pixel follow each other
+        columns, rows = (grid.reshape(shape).transpose(0, 2, 1, 3).ravel() for grid in np.meshgrid(u, v))
+        self._origin, self._direction = camera.rays(columns, rows)
         self._printed = [_printed(face.size, face.black) for face in target.faces]
 
     def placed(self, rotation: Rotation, translation: Floats) -> Placed:
@@ -81,26 +86,32 @@ class Booth:
             value = np.full(len(column), look.paper)
             value[printed] = np.where(texture[row[printed], column[printed]], look.ink, look.paper)
             reflect[near] = value
-        on = np.flatnonzero(np.isfinite(reach))
-        points = self._origin[on] + reach[on, None] * self._direction[on]
-        return Placed(reflect, on, points @ camera.rotation.T + camera.centre)
+        reach[np.isinf(reach)] = np.nan
+        points = (self._origin + reach[:, None] * self._direction) @ camera.rotation.T + camera.centre
+        samples = reflect.reshape(-1, look.samples**2)
+        points = points.reshape(*samples.shape, 3)
+        still = samples.mean(axis=1).reshape(camera.height, camera.width)
+        return Placed(samples, points, np.linalg.norm(points[:, -1] - points[:, 0], axis=1), still)
 
     def image(self, placed: Placed, alpha: float | None, rng: np.random.Generator) -> NDArray[np.uint8]:
         """BGR (h, w, 3) with the stripe at alpha, if any; what is random in it comes from rng."""
-        look, camera, reflect = self.look, self.rig.camera, placed.reflect
-        laser = np.zeros(len(reflect))
+        look = self.look
+        green = np.zeros(placed.still.size)
         if alpha is not None:
-            away = np.linalg.norm(placed.points - self.rig.laser.apex, axis=1)
-            off = self.rig.laser.off_sheet(placed.points, alpha) * away
-            light = look.green * reflect[placed.on] / look.paper
-            laser[placed.on] = light * np.exp(-0.5 * (off / look.sheet) ** 2)
-        shape = (camera.height, look.samples, camera.width, look.samples)
-        still = reflect.reshape(shape).mean(axis=(1, 3))[..., None]
-        green = laser.reshape(shape).mean(axis=(1, 3))[..., None]
-        mean = still + green * np.array([0.1, 1.0, 0.05])
+            middle = self._off(placed.points[:, look.samples**2 // 2], alpha)
+            lit = np.flatnonzero(np.abs(middle) < DARK * look.sheet + placed.width)
+            off = np.nan_to_num(self._off(placed.points[lit].reshape(-1, 3), alpha), nan=np.inf)
+            off = off.reshape(len(lit), look.samples**2)
+            light = look.green * placed.reflect[lit] / look.paper * np.exp(-0.5 * (off / look.sheet) ** 2)
+            green[lit] = light.mean(axis=1)
+        mean = placed.still[..., None] + green.reshape(placed.still.shape)[..., None] * np.array([0.1, 1.0, 0.05])
         blurred = cv2.GaussianBlur(mean, (0, 0), look.psf) if look.psf > 0 else mean
-        noisy = blurred + look.noise * rng.normal(size=blurred.shape)
+        noisy = blurred + look.noise * rng.standard_normal(blurred.shape, np.float32)
         return np.clip(np.round(noisy), 0, 255).astype(np.uint8)
+
+    def _off(self, points: Floats, alpha: float) -> Floats:
+        """Distances (n,) m, about, of points (n, 3) from the sheet."""
+        return self.rig.laser.off_sheet(points, alpha) * np.linalg.norm(points - self.rig.laser.apex, axis=1)
 
 
 def _printed(size: Floats, black: Floats) -> tuple[NDArray[np.bool_], float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
@@ -10,9 +11,11 @@ from scipy.spatial.transform import Rotation
 from garbi_map.calibrate.bundle import Poses, StripePoints
 from garbi_map.calibrate.targets import AnyTarget, Face, parse_target
 from garbi_map.calibrate.views import View
-from garbi_map.rig import Rig
+from garbi_map.rig import Camera, Rig
 
 CHECKERBOARD = "kind: checkerboard\ninner_corners: [9, 6]\nsquare: 0.06\nborder: 0.05\n"
+GOLDEN = 2.399963  # rad, between one pose's place in the image and the next's
+MARGIN = 4.0  # px, of a whole target from the border
 TWO_PLANES = """
 kind: two_planes
 squares: [5, 4]
@@ -52,6 +55,38 @@ def poses_before(
     )
     shift = np.column_stack([rng.uniform(-0.15, 0.15, (len(distances), 2)) * np.array(distances)[:, None], distances])
     return Poses(rotation, shift - rotation.apply([*centre, 0.0]))
+
+
+def poses_across(
+    camera: Camera, target: AnyTarget, distances: Sequence[float], rng: np.random.Generator, tilt: float = 0.45
+) -> Poses:
+    """A flat target shown as the calibration asks for: whole, tilted both ways, and moved up to the image's border, to
+    another part of it at each pose; farther away than asked (m) where it would not fit."""
+    face = target.faces[0]
+    outline = face.at(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]) * face.size)
+    count = len(distances)
+    turns = np.column_stack([rng.uniform(-tilt, tilt, (count, 2)), rng.uniform(-0.2, 0.2, count)])
+    rotation = Rotation.from_rotvec(turns)
+    first = rng.uniform(0, 2 * np.pi)
+    translation = np.empty((count, 3))
+    for i, distance in enumerate(distances):
+        corners = rotation[i].apply(outline - outline.mean(axis=0))
+
+        def whole(place: np.ndarray, corners: np.ndarray = corners) -> bool:
+            pixel = camera.project(corners + place)
+            return bool(((pixel > MARGIN) & (pixel < np.array([camera.width, camera.height]) - MARGIN)).all())
+
+        middle = np.array([0.0, 0.0, distance])
+        while not whole(middle):
+            middle *= 1.02
+        towards = first + GOLDEN * i
+        shift = middle[2] * np.array([np.cos(towards), 0.75 * np.sin(towards), 0.0])
+        low, high = 0.0, 1.0
+        for _ in range(20):
+            share = (low + high) / 2
+            low, high = (share, high) if whole(middle + share * shift) else (low, share)
+        translation[i] = middle + low * shift - rotation[i].apply(outline.mean(axis=0))
+    return Poses(rotation, translation)
 
 
 def views_of(rig: Rig, target: AnyTarget, poses: Poses, noise: float, rng: np.random.Generator) -> list[View]:
