@@ -117,9 +117,10 @@ class StopZone(_Straight):
     name = "stop"
 
     def _bend(self, pose: Pose, pull: np.ndarray) -> Command:
-        corridor = self.space.corridor(pose, STOP_ZONE)
+        near = self.space.nearby(pose, STOP_ZONE)
+        blocked = bool((~near.unknown & (near.normal[:, 0] > 0.7) & (near.distance < STOP_ZONE)).any())
         command = _towards(pose, pull, 0.2)
-        return Command(0.0, command.heave, 0.0, 0.0) if corridor.end == "obstacle" else command
+        return Command(0.0, command.heave, 0.0, 0.0) if blocked else command
 
 
 def _towards(pose: Pose, pull: np.ndarray, speed: float) -> Command:
