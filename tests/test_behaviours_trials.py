@@ -8,13 +8,18 @@ import numpy as np
 import pytest
 
 from behaviours.avoidance import Avoidance
+from behaviours.log_feed import LogFeed
 from behaviours.pilot import Pilot
+from behaviours.replay import decide_all, plan_of
 from behaviours.safety import Filtered, SafetyFilter
 from behaviours.settings import BehaviourSettings, TravelSettings
 from behaviours.types import Command, Proposal
+from garbi_map.log import open_log
+from garbi_map.stripe import StripeSettings
 from tools.simulator.scenario import Mover
 from tools.simulator.sensors import START_NS
-from tools.trials.avoidance import KINDS, SMALL, Outcome, make_world, run
+from tools.trials.avoidance import KINDS, SMALL, Outcome, make_world, run, save
+from tools.trials.avoidance import fly as fly_trial
 from tools.trials.feed import DiveFeed, Level
 from tools.trials.scenario import open_water
 from tools.trials.table import append, draw, judge, read, table
@@ -117,6 +122,19 @@ def test_the_table_tells_what_was_avoidable(tmp_path: Path) -> None:
     assert "| garbi | all | 3 | 2 | 1 | 2 | 1 (50 %) |" in table(kept)
     draw(kept, tmp_path / "trials.svg")
     assert (tmp_path / "trials.svg").read_text().count("<rect") > 6
+
+
+def test_a_flight_is_saved_as_a_log_that_replays(tmp_path: Path) -> None:
+    """With its images, its navigation and its goal."""
+    flight = fly_trial(1, longest=3.0)
+    save(flight, tmp_path / "trial.mcap")
+    log = open_log([tmp_path / "trial.mcap"])
+    plan = plan_of(log, None)
+    decisions = list(decide_all(LogFeed(log, plan.behaviours.feed, StripeSettings(), workers=1), plan))
+    assert log.image_count > 50 and len(decisions) > 15
+    assert plan.behaviours.travel is not None and plan.behaviours.travel.goal is not None
+    assert plan.behaviours.travel.goal == pytest.approx(flight.goal, abs=1e-3)
+    assert any("goal at" in one.text() for one in decisions)
 
 
 def test_trials_are_drawn_from_their_seed() -> None:
