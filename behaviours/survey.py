@@ -10,7 +10,7 @@ import numpy as np
 from behaviours.coverage import Coverage
 from behaviours.settings import SurveySettings
 from behaviours.situation import Situation
-from behaviours.travel import steer
+from behaviours.steering import steer
 from behaviours.types import Command, Pose, Proposal
 from garbi_map.log.records import Floats
 
