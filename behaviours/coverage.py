@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import label
+from numpy.typing import NDArray
+from scipy.ndimage import find_objects, label
 
 from behaviours.settings import SurveySettings
 from behaviours.types import Pose, Profile
@@ -15,10 +16,9 @@ HOLE = 6  # cells that are worth going back for
 class Coverage:
     """Counts points per cell of the area (west, south, east, north), m, odom; learns the footprint from real ranges."""
 
-    def __init__(self, settings: SurveySettings) -> None:
-        assert settings.area is not None
+    def __init__(self, settings: SurveySettings, area: tuple[float, float, float, float]) -> None:
         self.settings = settings
-        west, south, east, north = settings.area
+        west, south, east, north = area
         self.low = np.array([west, south])
         self.cell = settings.cell
         self.count = np.zeros(
@@ -32,12 +32,22 @@ class Coverage:
         points = profile.points[profile.solid & np.isfinite(profile.points).all(1)]
         if len(points) < 5:
             return
-        index = np.floor((points[:, :2] - self.low) / self.cell).astype(np.int64)
-        inside = ((index >= 0) & (index < self.count.shape)).all(1)
+        index, inside = self._cells(points[:, :2])
         np.add.at(self.count, tuple(index[inside].T), 1)
         aside = profile.pose.to_base(points)[:, 1]
         self._sides = [*self._sides[-199:], (float(aside.min()), float(aside.max()))]
         self._heights = [*self._heights[-199:], float(np.percentile(points[:, 2], 90))]
+
+    def _cells(self, points: Floats) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        index = np.floor((points - self.low) / self.cell).astype(np.int64)
+        return index, ((index >= 0) & (index < self.count.shape)).all(1)
+
+    def unseen(self, points: Floats) -> NDArray[np.bool_]:
+        """Whether points (n, 2), odom, lie in cells of the area that nothing has shown."""
+        index, inside = self._cells(points)
+        found = np.zeros(len(points), bool)
+        found[inside] = self.count[tuple(index[inside].T)] == 0
+        return found
 
     @property
     def share(self) -> float:
@@ -56,21 +66,22 @@ class Coverage:
         """Height, m, of the ground lately, its higher parts."""
         return float(np.max(self._heights[-newest:])) if self._heights else None
 
+    def climb(self, pose: Pose, altitude: float) -> float:
+        """Heave, m/s, to an altitude (m) over the higher parts of the ground lately; 0: it has shown none yet."""
+        ground = self.ground()
+        return 0.0 if ground is None else float(np.clip(0.5 * (ground + altitude - pose.position[2]), -0.1, 0.1))
+
     def nearest_hole(self, pose: Pose) -> Floats | None:
         """Middle (2,) of the nearest patch of unseen cells; None: there is none worth the way."""
-        labels, number = label(self.count == 0)
+        labels, _ = label(self.count == 0)
         best, least = None, np.inf
-        for one in range(1, number + 1):
-            cells = np.argwhere(labels == one)
+        for one, box in enumerate(find_objects(labels), 1):
+            cells = np.argwhere(labels[box] == one) + [side.start for side in box]
             if len(cells) < HOLE:
                 continue
-            middle = self.low + (cells + 0.5).mean(0) * self.cell
+            places = self.low + (cells + 0.5) * self.cell
+            middle = places.mean(0)
             distance = float(np.linalg.norm(middle - pose.position[:2]))
             if distance < least:
-                best, least = (
-                    self.low
-                    + (cells[np.linalg.norm((cells + 0.5) * self.cell + self.low - middle, axis=1).argmin()] + 0.5)
-                    * self.cell,
-                    distance,
-                )
+                best, least = places[np.linalg.norm(places - middle, axis=1).argmin()], distance
         return best

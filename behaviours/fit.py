@@ -22,6 +22,18 @@ class Plane:
     share: float
     spread: Floats
 
+    def off(self, points: Floats) -> tuple[Floats, Floats]:
+        """See `registration.Surface`."""
+        return (points - self.point) @ self.normal, np.broadcast_to(self.normal, points.shape)
+
+    def from_here(self, eye: Floats, rotation: Floats) -> tuple[float, float, float]:
+        """Range along the view, m; yaw and pitch, rad, by which a vehicle so turned (3, 3) has to turn to face it."""
+        facing = self.normal @ rotation
+        facing = facing if facing[0] > 0 else -facing
+        reach = float(facing @ ((self.point - eye) @ rotation) / max(float(facing[0]), 1e-3))
+        pitch = -np.arctan2(facing[2], np.hypot(facing[0], facing[1]))
+        return reach, float(np.arctan2(facing[1], facing[0])), float(pitch)
+
 
 @dataclass(frozen=True)
 class Cylinder:
@@ -31,6 +43,20 @@ class Cylinder:
     axis: Floats
     radius: float
     share: float
+
+    def off(self, points: Floats) -> tuple[Floats, Floats]:
+        """See `registration.Surface`."""
+        away = points - self.point
+        away = away - (away @ self.axis)[:, None] * self.axis
+        distance = np.linalg.norm(away, axis=1)
+        return distance - self.radius, away / np.maximum(distance, 1e-9)[:, None]
+
+    def from_here(self, eye: Floats, rotation: Floats) -> tuple[float, float, float]:
+        """Range to its skin, m; yaw, rad, to face it square; it fixes no pitch."""
+        away = (self.point - eye) @ rotation
+        axis = self.axis @ rotation
+        away = away - (away @ axis) * axis
+        return float(np.linalg.norm(away)) - self.radius, float(np.arctan2(away[1], away[0])), 0.0
 
 
 def fit_plane(points: Floats, tolerance: float) -> Plane | None:

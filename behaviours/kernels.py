@@ -1,8 +1,9 @@
 """Compiled work on the local volume: a grid of voxels that moves with the vehicle, addressed modulo its size.
 
 Layers, all (nx, ny, nz): free_ms int32, when last seen free; hit_ms int32, when last hit; since_ms int32, since when it has
-been free without a hit; hits uint8; passes uint8, in which it was seen free; last_pass int32; moving uint8. Times are ms
-since the start, NEVER where it never was. `low` (3,) is the first voxel's number on each axis.
+been free without a hit; hits uint8; passes uint8, in which it was seen free; last_pass int32; moving uint8; first_ms
+int32, of the hits that are counted. Times are ms since the start, NEVER where it never was. `low` (3,) is the first
+voxel's number on each axis.
 """
 
 from __future__ import annotations
@@ -20,13 +21,54 @@ UNKNOWN, FREE, OCCUPIED = 0, 1, 2
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _wrap(i, n):  # type: ignore[no-untyped-def]
-    return i % n
+def _inside(i, j, k, low, shape):  # type: ignore[no-untyped-def]
+    return low[0] <= i < low[0] + shape[0] and low[1] <= j < low[1] + shape[1] and low[2] <= k < low[2] + shape[2]
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _inside(i, j, k, low, shape):  # type: ignore[no-untyped-def]
-    return low[0] <= i < low[0] + shape[0] and low[1] <= j < low[1] + shape[1] and low[2] <= k < low[2] + shape[2]
+def _kind(a, b, c, k, voxel, least, assumed_free_above, free_ms, hits):  # type: ignore[no-untyped-def]
+    """What the voxel at (a, b, c), on level k, is."""
+    if hits[a, b, c] >= least:
+        return OCCUPIED
+    return FREE if free_ms[a, b, c] != NEVER or k * voxel >= assumed_free_above else UNKNOWN
+
+
+@njit(cache=True, nogil=True)
+def _about(position, rotation, half, voxel, low, shape):  # type: ignore[no-untyped-def]
+    """(2, 3): first number and the one after the last of the voxels that a box about the vehicle may hold."""
+    reach = np.abs(rotation) @ half
+    first = np.floor((position - reach) / voxel).astype(np.int64)
+    last = np.floor((position + reach) / voxel).astype(np.int64)
+    return np.maximum(first, low), np.minimum(last + 1, low + shape)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _in_base(i, j, k, voxel, position, rotation):  # type: ignore[no-untyped-def]
+    """The middle of a voxel, base_link, m."""
+    x, y, z = (i + 0.5) * voxel - position[0], (j + 0.5) * voxel - position[1], (k + 0.5) * voxel - position[2]
+    return (
+        rotation[0, 0] * x + rotation[1, 0] * y + rotation[2, 0] * z,
+        rotation[0, 1] * x + rotation[1, 1] * y + rotation[2, 1] * z,
+        rotation[0, 2] * x + rotation[1, 2] * y + rotation[2, 2] * z,
+    )
+
+
+@njit(cache=True, nogil=True)
+def _long_free(i, j, k, low, shape, least, now, free_passes, free_time, layers):  # type: ignore[no-untyped-def]
+    """Whether water had long been free in a voxel and in all its neighbours."""
+    _, hit_ms, since_ms, hits, passes, _, moving, _ = layers
+    for di in range(-1, 2):
+        for dj in range(-1, 2):
+            for dk in range(-1, 2):
+                if not _inside(i + di, j + dj, k + dk, low, shape):
+                    return False
+                e, f, g = (i + di) % shape[0], (j + dj) % shape[1], (k + dk) % shape[2]
+                fresh = hit_ms[e, f, g] == now or moving[e, f, g] == 1
+                if since_ms[e, f, g] == NEVER or (hits[e, f, g] >= least and not fresh):
+                    return False
+                if passes[e, f, g] < free_passes or now - since_ms[e, f, g] < free_time:
+                    return False
+    return True
 
 
 @njit(cache=True, nogil=True)
@@ -48,7 +90,7 @@ def _free(a, b, c, now, sweep, hold, hold_moving, free_ms, hit_ms, since_ms, hit
 @njit(cache=True, nogil=True)
 def _walk(start, end, stop_short, voxel, low, shape, hits, least, now, sweep, hold, hold_moving, layers):  # type: ignore[no-untyped-def]
     """Free the voxels on the way from start to end, less stop_short (m); stop at an occupied one that is not old."""
-    free_ms, hit_ms, since_ms, _, passes, last_pass, moving = layers
+    free_ms, hit_ms, since_ms, _, passes, last_pass, moving, _ = layers
     dx, dy, dz = end[0] - start[0], end[1] - start[1], end[2] - start[2]
     length = math.sqrt(dx * dx + dy * dy + dz * dz)
     reach = length - stop_short
@@ -75,7 +117,7 @@ def _walk(start, end, stop_short, voxel, low, shape, hits, least, now, sweep, ho
 
 
 @njit(cache=True, nogil=True)
-def carve(
+def proved(
     origins: Floats,
     directions: Floats,
     return_depth: Floats,
@@ -84,36 +126,22 @@ def carve(
     centre: Floats,
     normal: Floats,
     apex: Floats,
-    rotation: Floats,
-    position: Floats,
-    voxel: float,
-    low: NDArray[np.int64],
-    shape: NDArray[np.int64],
-    least: int,
-    now: int,
-    sweep: int,
-    hold: int,
-    hold_moving: int,
-    layers: tuple,
-) -> int:
-    """Free what one profile proves to be free; the number of rays that proved something.
+) -> tuple[Floats, Floats]:
+    """What one profile proves to be free: from (n, 3) to (n, 3), m, rig frame.
 
     origins, directions   (rows, columns, 3) rays of the camera in the rig frame, one group of image rows per row
     return_depth          (rows,) nearest depth, m along `axis`, at which the group has a stripe; inf: it has none
     clear_depth           depth up to which a missing stripe means free water; 0: it means nothing
-    normal, apex          of the sheet, rig frame; rotation (3, 3), position (3,): odom <- rig
+    normal, apex          of the sheet, rig frame
 
     Where a ray meets the sheet nearer than its group's stripe there is no surface; light came from there to the camera,
     so that the ray up to there is free as well.
     """
     rows, columns = origins.shape[0], origins.shape[1]
-    hits = layers[3]
-    proved = 0
-    start, end = np.empty(3), np.empty(3)
+    starts, ends = np.empty((rows * columns, 3)), np.empty((rows * columns, 3))
+    count = 0
     for r in range(rows):
-        limit = min(return_depth[r], 1e9)
-        if limit > 1e8:
-            limit = clear_depth
+        limit = return_depth[r] if return_depth[r] < 1e8 else clear_depth
         if limit <= 0.0:
             continue
         for c in range(columns):
@@ -126,21 +154,18 @@ def carve(
                 continue
             x, y, z = o[0] + s * d[0], o[1] + s * d[1], o[2] + s * d[2]
             depth = (x - centre[0]) * axis[0] + (y - centre[1]) * axis[1] + (z - centre[2]) * axis[2]
-            if not depth < limit:
-                continue
-            proved += 1
-            for m in range(3):
-                start[m] = rotation[m, 0] * o[0] + rotation[m, 1] * o[1] + rotation[m, 2] * o[2] + position[m]
-                end[m] = rotation[m, 0] * x + rotation[m, 1] * y + rotation[m, 2] * z + position[m]
-            _walk(start, end, 0.0, voxel, low, shape, hits, least, now, sweep, hold, hold_moving, layers)
-    return proved
+            if depth < limit:
+                starts[count] = o
+                ends[count, 0], ends[count, 1], ends[count, 2] = x, y, z
+                count += 1
+    return starts[:count], ends[:count]
 
 
 @njit(cache=True, nogil=True)
-def carve_to_points(
-    origin: Floats,
-    points: Floats,
-    step: int,
+def carve(
+    starts: Floats,
+    ends: Floats,
+    stop_short: float,
     voxel: float,
     low: NDArray[np.int64],
     shape: NDArray[np.int64],
@@ -151,11 +176,12 @@ def carve_to_points(
     hold_moving: int,
     layers: tuple,
 ) -> None:
-    """Free the way from one origin (3,), the camera or the laser, to every `step`-th point (n, 3), odom."""
-    for p in range(0, points.shape[0], step):
-        _walk(
-            origin, points[p], 0.9 * voxel, voxel, low, shape, layers[3], least, now, sweep, hold, hold_moving, layers
-        )
+    """Free the lines from starts (n, 3) or (1, 3) to ends (n, 3), odom, less `stop_short` m at their ends; a line stops at
+    what is occupied and not old."""
+    hits = layers[3]
+    for n in range(ends.shape[0]):
+        start = starts[n if starts.shape[0] > 1 else 0]
+        _walk(start, ends[n], stop_short, voxel, low, shape, hits, least, now, sweep, hold, hold_moving, layers)
 
 
 @njit(cache=True, nogil=True)
@@ -174,7 +200,7 @@ def hit(
     """Mark the voxels of points (n, 3), odom, each counting `weight` (n,) hits.
 
     True (n,) where water that had long been free, with its neighbours, was hit."""
-    _free_ms, hit_ms, since_ms, hits, passes, _, moving = layers
+    _, hit_ms, since_ms, hits, _, _, moving, first_ms = layers
     n = points.shape[0]
     surprising = np.zeros(n, np.bool_)
     for p in range(n):
@@ -185,26 +211,12 @@ def hit(
             continue
         a, b, c = i % shape[0], j % shape[1], k % shape[2]
         ever = moving[a, b, c] == 1
-        if not ever:
-            ever = True
-            for di in range(-1, 2):
-                for dj in range(-1, 2):
-                    for dk in range(-1, 2):
-                        if not _inside(i + di, j + dj, k + dk, low, shape):
-                            ever = False
-                            continue
-                        e, f, g = (i + di) % shape[0], (j + dj) % shape[1], (k + dk) % shape[2]
-                        fresh = hit_ms[e, f, g] == now or moving[e, f, g] == 1
-                        if (
-                            since_ms[e, f, g] == NEVER
-                            or (hits[e, f, g] >= least and not fresh)
-                            or passes[e, f, g] < free_passes
-                            or now - since_ms[e, f, g] < free_time
-                        ):
-                            ever = False
+        ever = ever or _long_free(i, j, k, low, shape, least, now, free_passes, free_time, layers)
         surprising[p] = ever
         if now - hit_ms[a, b, c] > 1000 and hits[a, b, c] < least:
             hits[a, b, c] = 0  # a lone flake of snow long ago does not add up
+        if hits[a, b, c] == 0:
+            first_ms[a, b, c] = now
         hits[a, b, c] = min(hits[a, b, c] + weight[p], 250)
         hit_ms[a, b, c] = now
         if ever:
@@ -228,25 +240,13 @@ def free_box(
     layers: tuple,
 ) -> None:
     """Free the voxels whose centres lie in a box about the vehicle; with `clear` even those that were hit."""
-    free_ms, _, since_ms, hits, _, _, moving = layers
-    reach = np.abs(rotation) @ half
-    first = np.floor((position - reach) / voxel).astype(np.int64)
-    last = np.floor((position + reach) / voxel).astype(np.int64)
-    for i in range(first[0], last[0] + 1):
-        for j in range(first[1], last[1] + 1):
-            for k in range(first[2], last[2] + 1):
-                if not _inside(i, j, k, low, shape):
-                    continue
-                x, y, z = (
-                    (i + 0.5) * voxel - position[0],
-                    (j + 0.5) * voxel - position[1],
-                    (k + 0.5) * voxel - position[2],
-                )
-                if abs(rotation[0, 0] * x + rotation[1, 0] * y + rotation[2, 0] * z) > half[0]:
-                    continue
-                if abs(rotation[0, 1] * x + rotation[1, 1] * y + rotation[2, 1] * z) > half[1]:
-                    continue
-                if abs(rotation[0, 2] * x + rotation[1, 2] * y + rotation[2, 2] * z) > half[2]:
+    free_ms, _, since_ms, hits, _, _, moving, _ = layers
+    first, last = _about(position, rotation, half, voxel, low, shape)
+    for i in range(first[0], last[0]):
+        for j in range(first[1], last[1]):
+            for k in range(first[2], last[2]):
+                x, y, z = _in_base(i, j, k, voxel, position, rotation)
+                if abs(x) > half[0] or abs(y) > half[1] or abs(z) > half[2]:
                     continue
                 a, b, c = i % shape[0], j % shape[1], k % shape[2]
                 if clear:
@@ -274,29 +274,21 @@ def nearest(
     """What is nearest to the hull in each direction: (m, 7) distance, normal (3) out of the hull, nearest point of the
     hull (3), base_link, m; and (m,) what it is, OCCUPIED or UNKNOWN. Unknown voxels whose floor lies above
     `assumed_free_above` (m, odom; inf: none) count as free. Outside the grid nothing is looked for."""
-    free_ms, _, _, hits, _, _, _ = layers
+    free_ms, _, _, hits, _, _, _, _ = layers
     best = np.full((2, 125), np.inf)
     normals = np.zeros((2, 125, 3))
     points = np.zeros((2, 125, 3))
-    reach = np.abs(rotation) @ (half + horizon)
-    first = np.floor((position - reach) / voxel).astype(np.int64)
-    last = np.floor((position + reach) / voxel).astype(np.int64)
-    for i in range(max(first[0], low[0]), min(last[0] + 1, low[0] + shape[0])):
-        for j in range(max(first[1], low[1]), min(last[1] + 1, low[1] + shape[1])):
-            a, b = i % shape[0], j % shape[1]
-            for k in range(max(first[2], low[2]), min(last[2] + 1, low[2] + shape[2])):
+    first, last = _about(position, rotation, half + horizon, voxel, low, shape)
+    for i in range(first[0], last[0]):
+        a = i % shape[0]
+        for j in range(first[1], last[1]):
+            b = j % shape[1]
+            for k in range(first[2], last[2]):
                 c = k % shape[2]
-                occupied = hits[a, b, c] >= least
-                if not occupied and (free_ms[a, b, c] != NEVER or k * voxel >= assumed_free_above):
+                kind = _kind(a, b, c, k, voxel, least, assumed_free_above, free_ms, hits)
+                if kind == FREE:
                     continue
-                x, y, z = (
-                    (i + 0.5) * voxel - position[0],
-                    (j + 0.5) * voxel - position[1],
-                    (k + 0.5) * voxel - position[2],
-                )
-                px = rotation[0, 0] * x + rotation[1, 0] * y + rotation[2, 0] * z
-                py = rotation[0, 1] * x + rotation[1, 1] * y + rotation[2, 1] * z
-                pz = rotation[0, 2] * x + rotation[1, 2] * y + rotation[2, 2] * z
+                px, py, pz = _in_base(i, j, k, voxel, position, rotation)
                 qx = min(max(px, -half[0]), half[0])
                 qy = min(max(py, -half[1]), half[1])
                 qz = min(max(pz, -half[2]), half[2])
@@ -316,17 +308,13 @@ def nearest(
                 else:
                     nx, ny, nz = nx / d, ny / d, nz / d
                 gap = d - 0.5 * voxel
-                which = 0 if occupied else 1
+                which = 0 if kind == OCCUPIED else 1
                 bin_ = (round(2 * nx) + 2) * 25 + (round(2 * ny) + 2) * 5 + round(2 * nz) + 2
                 if gap < best[which, bin_]:
                     best[which, bin_] = gap
                     normals[which, bin_, 0], normals[which, bin_, 1], normals[which, bin_, 2] = nx, ny, nz
                     points[which, bin_, 0], points[which, bin_, 1], points[which, bin_, 2] = qx, qy, qz
-    count = 0
-    for which in range(2):
-        for bin_ in range(125):
-            if best[which, bin_] < np.inf:
-                count += 1
+    count = np.isfinite(best).sum()
     found = np.empty((count, 7))
     kinds = np.empty(count, np.int64)
     row = 0
@@ -346,6 +334,7 @@ def ahead(
     position: Floats,
     rotation: Floats,
     half: Floats,
+    slide: float,
     reach: float,
     voxel: float,
     low: NDArray[np.int64],
@@ -356,8 +345,9 @@ def ahead(
     layers: tuple,
 ) -> tuple[float, float, int]:
     """The corridor in front of the bow: free length m, age ms of its view (80th percentile over the cross-section of the
-    newest look along each line), and what ends it (FREE where nothing does within reach)."""
-    free_ms, _, _, hits, _, _, _ = layers
+    newest look along each line), and what ends it (FREE where nothing does within reach). It leads `slide` m aside for each
+    metre ahead, as the vehicle does."""
+    free_ms, _, _, hits, _, _, _, _ = layers
     ny, nz = max(int(2 * half[1] / voxel), 1), max(int(2 * half[2] / voxel), 1)
     ages = np.empty(ny * nz)
     shortest, end = reach, FREE
@@ -367,21 +357,17 @@ def ahead(
             newest = NEVER
             x = half[0] + 0.5 * voxel
             while x < half[0] + reach:
-                px = position[0] + rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z
-                py = position[1] + rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z
-                pz = position[2] + rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z
+                w = y + slide * (x - half[0])
+                px = position[0] + rotation[0, 0] * x + rotation[0, 1] * w + rotation[0, 2] * z
+                py = position[1] + rotation[1, 0] * x + rotation[1, 1] * w + rotation[1, 2] * z
+                pz = position[2] + rotation[2, 0] * x + rotation[2, 1] * w + rotation[2, 2] * z
                 i, j, k = math.floor(px / voxel), math.floor(py / voxel), math.floor(pz / voxel)
                 kind = UNKNOWN
                 if _inside(i, j, k, low, shape):
                     a, b, c = i % shape[0], j % shape[1], k % shape[2]
-                    if hits[a, b, c] >= least:
-                        kind = OCCUPIED
-                    elif free_ms[a, b, c] != NEVER:
-                        kind = FREE
-                        if free_ms[a, b, c] > newest:
-                            newest = free_ms[a, b, c]
-                    elif k * voxel >= assumed_free_above:
-                        kind = FREE
+                    kind = _kind(a, b, c, k, voxel, least, assumed_free_above, free_ms, hits)
+                    if kind == FREE and free_ms[a, b, c] > newest:
+                        newest = free_ms[a, b, c]
                 if kind != FREE:
                     if x - half[0] - 0.5 * voxel < shortest:
                         shortest, end = x - half[0] - 0.5 * voxel, kind

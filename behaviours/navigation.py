@@ -5,6 +5,8 @@ The accelerometer carries the velocity between pings; each ping corrects it, and
 
 from __future__ import annotations
 
+from math import isfinite
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -12,8 +14,10 @@ from behaviours.types import Pose
 from garbi_map.log.records import Floats, Mount
 
 GRAVITY, DENSITY = 9.80665, 1025.0
+DOWNWARD = np.array([0.0, 0.0, GRAVITY])
 KEPT = 1024  # samples that are remembered: ten seconds at 100 Hz
 PING, PING_BIAS, DEPTH, DEPTH_SPEED = 0.35, 0.08, 0.25, 0.15  # gains per reading
+SETTLE = 0.06  # s, over which the acceleration is averaged
 FORGET = 3.0  # s, in which a velocity that nothing confirms fades
 JUMP = 0.5  # m/s: a ping farther off is a glitch, unless three in a row say so
 
@@ -30,6 +34,7 @@ class LiveNavigation:
         self.position, self.velocity = np.zeros(3), np.zeros(3)  # odom
         self.rotation, self.rate = np.eye(3), np.zeros(3)
         self._bias = np.zeros(3)
+        self._pull = np.zeros(3)  # m/s^2, odom, smoothed
         self._depth0: float | None = None
         self._stamps = np.zeros(KEPT, np.int64)
         self._rows = np.zeros((KEPT, 15))
@@ -49,19 +54,22 @@ class LiveNavigation:
             self._count = 0
         dt = min((stamp_ns - self.last_ns) * 1e-9, 0.5) if self.last_ns else 0.0
         self.last_ns = stamp_ns
-        if np.isfinite(rate).all():
+        if isfinite(rate @ rate):
             self.rate = self._imu_turn @ rate
-        if np.isfinite(attitude).all() and np.linalg.norm(attitude) > 0.5:
-            self.rotation = Rotation.from_quat(attitude).as_matrix() @ self._imu_turn.T
+        if attitude @ attitude > 0.25:  # NaN is not
+            self.rotation = _turned(attitude) @ self._imu_turn.T
         else:
-            self.rotation = self.rotation @ Rotation.from_rotvec(self.rate * dt).as_matrix()
+            self.rotation = self.rotation @ _small_turn(self.rate * dt)
         self._ping_ns = self._ping_ns or stamp_ns
         if stamp_ns - self._ping_ns > 500_000_000:  # without pings the velocity is a guess that fades
             self.velocity = self.velocity * np.exp(-dt / FORGET)
-        if np.isfinite(force).all() and dt <= 0.1:
+        if isfinite(force @ force) and dt <= 0.1:
             felt = self.rotation @ (self._imu_turn @ force)
-            pull = felt - np.array([0.0, 0.0, GRAVITY]) - self._bias
-            self.velocity = self.velocity + np.clip(pull, -2.0, 2.0) * dt
+            pull = np.minimum(np.maximum(felt - DOWNWARD - self._bias, -2.0), 2.0)
+            self.velocity = self.velocity + pull * dt
+            self._pull = self._pull + min(dt / SETTLE, 1.0) * (pull - self._pull)
+        else:
+            self._pull = np.zeros(3)
         self.position = self.position + self.velocity * dt
         self._remember(stamp_ns)
 
@@ -134,7 +142,12 @@ class LiveNavigation:
         ahead = min(max((stamp_ns - self.last_ns) * 1e-9, 0.0), 0.5)
         turned = self.rotation @ _small_turn(self.rate * ahead)
         return Pose(
-            stamp_ns, self.position + self.velocity * ahead, turned, self.rotation.T @ self.velocity, self.rate.copy()
+            stamp_ns,
+            self.position + self.velocity * ahead,
+            turned,
+            self.rotation.T @ self.velocity,
+            self.rate.copy(),
+            self.rotation.T @ self._pull,
         )
 
     def at(self, stamp_ns: int) -> Pose:
@@ -163,3 +176,15 @@ def _small_turn(vector: Floats) -> Floats:
     if angle < 1e-12:
         return np.eye(3) + cross
     return np.eye(3) + np.sin(angle) / angle * cross + (1 - np.cos(angle)) / angle**2 * (cross @ cross)
+
+
+def _turned(quaternion: Floats) -> Floats:
+    """The matrix (3, 3) of a quaternion (4,) xyzw of any length; scipy's is ten times slower for a single one."""
+    x, y, z, w = (quaternion / np.sqrt(quaternion @ quaternion)).tolist()
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )

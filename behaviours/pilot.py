@@ -20,6 +20,7 @@ from behaviours.stabilisation import Stabilisation
 from behaviours.survey import Survey
 from behaviours.travel import Travel
 from behaviours.types import Command, Pose, Proposal
+from behaviours.wander import Wander
 from garbi_map.log.records import Floats, Mount
 from garbi_map.rig import Rig
 
@@ -51,8 +52,9 @@ class Pilot:
             self.behaviours.append(Avoidance(settings.avoidance, settings.vehicle))
         if settings.travel:
             self.behaviours.append(Travel(settings.travel, settings.vehicle))
-        if settings.survey and settings.survey.area:
-            self.behaviours.append(Survey(settings.survey, float(mount.translation[0])))
+        if settings.survey:
+            kind = Survey if settings.survey.area else Wander
+            self.behaviours.append(kind(settings.survey, float(mount.translation[0])))
         if settings.hold:
             self.behaviours.append(Stabilisation(settings.hold, mount.translation))
         self._half = np.array(settings.vehicle.hull) / 2

@@ -119,17 +119,21 @@ class SafetyFilter:
         for distance, normal, point, unknown in zip(
             nearby.distance, nearby.normal, nearby.point, nearby.unknown, strict=True
         ):
-            clearance = settings.clearance_unknown if unknown else settings.clearance
-            margin = float(distance) - clearance
-            bound = self.limit(margin)
-            row = _row(normal, point)
-            drift = float(normal[1] * pose.velocity[1])  # sway cannot be commanded: it is taken as it is
-            relaxed = bound
-            if margin < 0.0 and not unknown:
-                bound = -min(settings.gain * -margin, settings.retreat)
+            row, drift = _row(normal, point), max(float(normal[1] * pose.velocity[1]), 0.0)  # sway is taken as it is
             what = "unseen space" if unknown else "an obstacle"
             why = f"{what} {_where(normal, point)} at {max(float(distance), 0.0):.2f} m"
-            found.append(Constraint(row, bound - max(drift, 0.0), relaxed, why))
+            if unknown:
+                slow = self.limit(float(distance) - settings.clearance_unknown)
+                # Neither ahead nor up or down into it. But turning sweeps the corners only, and where water carries the
+                # hull into the unseen, turning may help and standing still does not.
+                found.append(Constraint(np.array([normal[0], normal[2], 0.0, 0.0]), slow, slow, why))
+                bound = relaxed = max(slow - drift, settings.nudge)
+            else:
+                margin = float(distance) - settings.clearance
+                relaxed = self.limit(margin)
+                bound = relaxed if margin >= 0.0 else -min(settings.gain * -margin, settings.retreat)
+                bound -= drift
+            found.append(Constraint(row, bound, relaxed, why))
         return found
 
     def _moving(self, pose: Pose, mover: Mover) -> Constraint | None:

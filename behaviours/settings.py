@@ -24,6 +24,8 @@ class Vehicle(Settings):
     astern: Positive = Field(0.2, description="largest speed backwards, m/s")
     brake: Positive = Field(0.15, description="deceleration that braking reaches for sure, m/s^2")
     reaction: Positive = Field(0.5, description="from an image to the propellers' answer, s")
+    sway_time: Positive = Field(3.0, description="in which the vehicle takes on the speed of the water abeam, s")
+    skid: Share = Field(0.8, description="share of surge times yaw rate with which it slides outwards in a turn")
 
 
 class FeedSettings(Settings):
@@ -59,6 +61,7 @@ class SpaceSettings(Settings):
     hold_moving: Positive = Field(2.5, description="the same where something moving was hit, s")
     free_passes: int = Field(2, ge=1, description="passes through which a voxel was free before a hit is a movement")
     free_time: Positive = Field(3.0, description="s since it was first seen free, likewise")
+    settled: Positive = Field(2.5, description="a voxel hit again this much later holds something that stands still, s")
     launch_clearance: NotNegative = Field(
         1.2, description="free water about the hull where the vehicle is launched: the operator's word, m"
     )
@@ -75,7 +78,10 @@ class SafetySettings(Settings):
     """The barrier and what limits speed."""
 
     clearance: Positive = Field(0.3, description="kept between hull and obstacle, m")
-    clearance_unknown: NotNegative = Field(0.03, description="kept between hull and unseen space, m")
+    clearance_unknown: NotNegative = Field(0.0, description="kept between hull and unseen space, m")
+    nudge: NotNegative = Field(
+        0.08, description="of a corner into unseen space as the vehicle turns: it stops within half a voxel, m/s"
+    )
     clearance_moving: Positive = Field(0.5, description="kept between hull and a moving obstacle, m")
     gain: Positive = Field(0.6, description="class-K gain of the barrier, 1/s")
     horizon: Positive = Field(1.3, description="obstacles farther from the hull are left out, m")
@@ -97,7 +103,7 @@ class AvoidanceSettings(Settings):
 
     priority: int = Field(100, description="larger dominates")
     notice: Positive = Field(0.9, description="distance from the hull at which it begins to act, m")
-    beside: Positive = Field(0.35, description="the same for what lies abeam, above or below, m")
+    beside: Positive = Field(0.25, description="the same for what lies abeam, above or below, m")
     full: Positive = Field(0.45, description="distance at which it acts fully, m")
     speed: Positive = Field(0.12, description="of backing off, m/s")
     escape_time: Positive = Field(7.0, description="acts fully when a moving obstacle is this near, s")
@@ -110,9 +116,11 @@ class TravelSettings(Settings):
     goal: tuple[float, float, float] | None = Field(None, description="m, in the feed's own frame (first pose 0, 0, 0)")
     speed: Positive = Field(0.2, description="m/s")
     arrived: Positive = Field(0.35, description="a goal this near is reached, m")
-    replan: Positive = Field(1.0, description="between plans, s")
-    patience: Positive = Field(8.0, description="without progress for this long it backs off to look again, s")
-    band: Positive = Field(0.5, description="heights above and below the vehicle that are considered, m")
+    replan: Positive = Field(0.5, description="between plans, s")
+    unsettled_speed: NotNegative = Field(0.08, description="with which what was seen once may come out of view, m/s")
+    unsettled_most: NotNegative = Field(0.6, description="by which it may have come at most before it is seen again, m")
+    clearance: NotNegative = Field(0.3, description="planned between hull and obstacle, m")
+    band: Positive = Field(0.6, description="heights above and below the vehicle that are considered, m")
 
 
 class HoldSettings(Settings):
@@ -120,18 +128,23 @@ class HoldSettings(Settings):
 
     priority: int = 50
     target: Literal["plane", "cylinder", "patch"] = Field("plane", description="what is held to")
+    at: tuple[float, float, float] | None = Field(
+        None, description="m, in the feed's own frame: the object that is meant; none: the nearest ahead"
+    )
     range: Positive = Field(1.5, description="from the rig to the object, along the view, m")
-    window: Positive = Field(4.5, description="points as old as this are fitted, s")
+    window: Positive = Field(4.5, description="points as old as this make a new target, s")
     tolerance: Positive = Field(0.03, description="1 sigma of the surface about the fitted shape, m")
     least_points: int = Field(300, ge=10, description="fewer points in the window are no target")
-    least_spread: Positive = Field(0.12, description="extent below which a fit fixes no angle, m")
+    least_spread: Positive = Field(0.12, description="m, 1 sigma: a plane is not fitted to less")
     nearest: Positive = Field(0.4, description="a nearer target is out of range, m")
     farthest: Positive = Field(2.8, description="a farther target is out of range, m")
-    jump: Positive = Field(0.3, description="a range that jumps farther than this is a glitch until it lasts, m")
+    jump: Positive = Field(0.3, description="what is nearer than the target by this is a glitch until it lasts, m")
     confirm: Positive = Field(2.0, description="a new target has to last this long, s")
-    lost: Positive = Field(4.0, description="no fit for this long: the target is lost, s")
-    gains: tuple[Positive, Positive, Positive] = Field((2.4, 0.8, 0.5), description="range, yaw, pitch, 1/s")
-    damping: NotNegative = Field(1.1, description="of the measured speed, against waves")
+    lost: Positive = Field(4.0, description="not seen for this long the target is lost, s")
+    gains: tuple[Positive, Positive, Positive] = Field((1.5, 0.8, 0.5), description="range, yaw, pitch, 1/s")
+    fastest: Positive = Field(0.12, description="approach to the wanted range, m/s")
+    stiffness: NotNegative = Field(3.0, description="what a speed that is off adds to the command, against waves")
+    lead: NotNegative = Field(0.2, description="from a command to the vehicle's answer, s")
 
 
 class SurveySettings(Settings):
@@ -143,7 +156,8 @@ class SurveySettings(Settings):
     )
     altitude: Positive = Field(1.2, description="over the relief, m")
     overlap: Share = Field(0.2, description="of neighbouring lanes")
-    coverage: Share = Field(0.97, description="of the area's cells that have to be seen")
+    coverage: Share = Field(0.985, description="of the cells of area and margin that have to be seen")
+    margin: NotNegative = Field(0.05, description="about the area that is covered too, for navigation errs, m")
     cell: Positive = Field(0.1, description="of the coverage grid, m")
     speed: Positive = Field(0.12, description="m/s")
 

@@ -15,6 +15,7 @@ from behaviours.types import Pose, Profile
 from garbi_map.log.records import Floats, Mount
 from garbi_map.rig import Rig
 
+EVERY = 2  # profiles of which one carves: neighbours prove the same
 DOT = 2  # hits that a dot of a profile counts: one may be a flake of snow, two in the same place are something
 
 
@@ -60,8 +61,9 @@ class Space:
             np.zeros(size, np.uint8),
             np.full(size, -1, np.int32),
             np.zeros(size, np.uint8),
+            np.full(size, kernels.NEVER, np.int32),
         )
-        self._blank = (kernels.NEVER, kernels.NEVER, kernels.NEVER, 0, 0, -1, 0)
+        self._blank = (kernels.NEVER, kernels.NEVER, kernels.NEVER, 0, 0, -1, 0, kernels.NEVER)
         self.low = np.zeros(3, np.int64)
         self._start_ns: int | None = None
         self._turn = Rotation.from_quat(mount.quaternion).as_matrix()
@@ -74,15 +76,18 @@ class Space:
         self._origins = np.ascontiguousarray(origins.reshape(len(v), len(u), 3))
         self._directions = np.ascontiguousarray(directions.reshape(len(v), len(u), 3))
         self._axis = np.ascontiguousarray(rig.camera.rotation[:, 2])
+        self._count = 0
         self._proof: list[tuple[int, float]] = []
-        self._bottom: float | None = None
+        self._reaches = np.arange(0.3, water.farthest + 0.05, 0.05)
+        self._fading = np.exp(-2 * water.attenuation * self._reaches) / self._reaches**2
         self.assumed_free_above = np.inf
 
     @property
     def _hold(self) -> tuple[int, int]:
         return round(self.settings.hold * 1e3), round(self.settings.hold_moving * 1e3)
 
-    def _ms(self, stamp_ns: int) -> int:
+    def milliseconds(self, stamp_ns: int) -> int:
+        """The times that the layers hold."""
         assert self._start_ns is not None
         return (stamp_ns - self._start_ns) // 1_000_000
 
@@ -92,7 +97,7 @@ class Space:
         if first or pose.stamp_ns < self._start_ns - 3_600_000_000_000:  # type: ignore[operator]
             self._start_ns = pose.stamp_ns - 1_000_000_000
         self._follow(pose.position)
-        now = self._ms(pose.stamp_ns)
+        now = self.milliseconds(pose.stamp_ns)
         if first:
             clearance = self.half + self.settings.launch_clearance
             kernels.free_box(
@@ -131,7 +136,7 @@ class Space:
         pose, settings = profile.pose, self.settings
         if self._start_ns is None:
             self.be_at(pose)
-        now, sweep = self._ms(profile.stamp_ns), profile.sweep
+        now, sweep = self.milliseconds(profile.stamp_ns), profile.sweep
         rotation = np.ascontiguousarray(pose.rotation @ self._turn)
         position = pose.rotation @ self._mount.translation + pose.position
         grid = (self.voxel, self.low, self.shape)
@@ -141,18 +146,25 @@ class Space:
         dots = np.flatnonzero(~profile.solid)
         _, first = np.unique(profile.piece[dots], return_index=True)
         self._hit(profile.points[dots[first]], DOT, now)
+        self._learn_clarity(profile)
+        self._count += 1
+        if self._count % EVERY == 0:
+            self._carve_clear(profile, rotation, position, carving)
+        shown = np.ascontiguousarray(profile.points[::10])
+        for eye in (self._rig.camera.centre, self._rig.laser.apex):
+            kernels.carve((rotation @ eye + position)[None], shown, 0.9 * self.voxel, *carving)
+        return surprising
+
+    def _carve_clear(self, profile: Profile, rotation: Floats, position: Floats, carving: tuple[Any, ...]) -> None:
+        """Free what rows without a stripe prove."""
         nearest = np.full(len(self._origins), np.inf)
         group = np.minimum(profile.row // self._rows, len(nearest) - 1)
         np.minimum.at(nearest, group, profile.depth - self.voxel)
-        self._learn_clarity(profile)
-        kernels.carve(
+        starts, ends = kernels.proved(
             self._origins, self._directions, nearest, self.clear_range(profile.stamp_ns), self._axis,
             self._rig.camera.centre, np.ascontiguousarray(self._rig.sheet(profile.alpha)[0]), self._rig.laser.apex,
-            rotation, position, *carving,
         )  # fmt: skip
-        kernels.carve_to_points(rotation @ self._rig.camera.centre + position, profile.points, 10, *carving)
-        kernels.carve_to_points(rotation @ self._rig.laser.apex + position, profile.points, 10, *carving)
-        return surprising
+        kernels.carve(starts @ rotation.T + position, ends @ rotation.T + position, 0.0, *carving)
 
     def _hit(self, points: Floats, weight: int, now: int) -> NDArray[np.bool_]:
         settings = self.settings
@@ -171,16 +183,14 @@ class Space:
         if len(profile.depth) < 20:
             return
         depth = float(np.median(profile.depth))
-        light = float(np.median(profile.intensity)) * water.darkest * depth**2
-        reach = np.arange(0.3, water.farthest + 0.05, 0.05)
-        would_show = light / reach**2 * np.exp(-2 * water.attenuation * (reach - depth))
-        enough = reach[would_show >= water.faintest]
-        self._proof.append((profile.stamp_ns, float(enough[-1]) if len(enough) else 0.0))
+        light = float(np.median(profile.intensity)) * water.darkest * depth**2 * np.exp(2 * water.attenuation * depth)
+        enough = int((light * self._fading >= water.faintest).sum())
+        self._proof.append((profile.stamp_ns, float(self._reaches[enough - 1]) if enough else 0.0))
 
     def clear_range(self, stamp_ns: int) -> float:
         """Depth, m, up to which a row without a stripe is free water; 0 where nothing has proved the water clear."""
-        lately = [reach for when, reach in self._proof if 0 <= stamp_ns - when < self.water.believed * 1e9]
-        return float(np.percentile(lately, 80)) if len(lately) >= 5 else 0.0
+        lately = sorted(reach for when, reach in self._proof if 0 <= stamp_ns - when < self.water.believed * 1e9)
+        return lately[int(0.8 * (len(lately) - 1))] if len(lately) >= 5 else 0.0
 
     def state(self, points: Floats) -> NDArray[np.int64]:
         """UNKNOWN, FREE or OCCUPIED (n,) of points (n, 3), odom."""
@@ -211,10 +221,11 @@ class Space:
         return (found[0] + 0.5) * self.voxel, (found[1] + 0.5) * self.voxel
 
     def corridor(self, pose: Pose, reach: float) -> Corridor:
-        """What lies before the bow."""
+        """What lies before the bow, on the way that the vehicle makes over ground."""
+        slide = float(np.clip(pose.velocity[1] / max(pose.velocity[0], 0.1), -1.0, 1.0))
         length, age, end = kernels.ahead(
-            pose.position, np.ascontiguousarray(pose.rotation), self.half, reach, self.voxel, self.low, self.shape,
-            self.settings.hits, self.assumed_free_above, self._ms(pose.stamp_ns), self.layers,
+            pose.position, np.ascontiguousarray(pose.rotation), self.half, slide, reach, self.voxel, self.low, self.shape,
+            self.settings.hits, self.assumed_free_above, self.milliseconds(pose.stamp_ns), self.layers,
         )  # fmt: skip
         names = {kernels.FREE: "nothing", kernels.OCCUPIED: "obstacle", kernels.UNKNOWN: "unseen"}
         return Corridor(float(length), min(float(age) * 1e-3, 1e6), names[int(end)])
@@ -228,6 +239,15 @@ class Space:
         numbers = np.arange(self.low[2], self.low[2] + self.shape[2])
         heights = numbers[occupied[np.mod(numbers, self.shape[2])]]
         self.assumed_free_above = (heights.max() + 1) * self.voxel + above if len(heights) else np.inf
+
+    def view(self, stamp_ns: int) -> Floats:
+        """(4,) camera before base_link, m; half angle, rad; nearest m at which the whole hull's height shows; farthest."""
+        camera = self._rig.camera
+        down = abs(float(np.arcsin(np.clip(self._turn[2, 0], -1.0, 1.0))))
+        high = np.tan(np.arctan(0.5 * camera.height / camera.alpha_v) - down)
+        aside = np.arctan(0.42 * camera.width / camera.alpha_u)
+        near = self.half[2] / max(0.95 * high, 0.1)
+        return np.array([self._mount.translation[0], aside, near, max(self.clear_range(stamp_ns) - 0.2, 1.0)])
 
     def to_rig(self, points: Floats) -> Floats:
         """Points (n, 3) in base_link, seen from the rig."""

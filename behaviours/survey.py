@@ -10,12 +10,13 @@ import numpy as np
 from behaviours.coverage import Coverage
 from behaviours.settings import SurveySettings
 from behaviours.situation import Situation
-from behaviours.travel import steer
+from behaviours.steering import steer
 from behaviours.types import Command, Pose, Proposal
 from garbi_map.log.records import Floats
 
 TURN = 0.25  # rad, off the lane's heading, beyond which it turns on the spot
 REACHED = 0.2  # m
+LOOK_NS = 5_000_000_000  # at most, before the first lane is laid as if the view were narrow
 
 
 class Survey:
@@ -26,11 +27,17 @@ class Survey:
     def __init__(self, settings: SurveySettings, ahead: float) -> None:
         """ahead: m before base_link at which the ground is seen, by the rig's mount."""
         self.settings = settings
-        self.coverage = Coverage(settings)
+        assert settings.area is not None
+        west, south, east, north = settings.area
+        grown = (west - settings.margin, south - settings.margin, east + settings.margin, north + settings.margin)
+        self._area = grown
+        self.coverage = Coverage(settings, grown)
+        self.lanes = 0
         self._ahead = ahead
         self._lane: tuple[Floats, Floats] | None = None
-        self._way, self._y = 1.0, None if settings.area is None else settings.area[1]
-        self._begun = False
+        self._way, self._y = 1.0, grown[1]
+        self.begun = False
+        self._since_ns: int | None = None
         self._holes_left = 20
 
     def propose(self, situation: Situation) -> Proposal:
@@ -39,23 +46,27 @@ class Survey:
         for profile in situation.profiles:
             self.coverage.see(profile)
         share = self.coverage.share
-        facts = {"coverage": share}
+        facts = {"coverage": share, "lanes": float(self.lanes)}
         if share >= settings.coverage:
             return self._proposal(Command(), f"done: {100 * share:.1f} % of the area seen", facts)
+        if self._since_ns is None:
+            self._since_ns = situation.now_ns
+        if self.lanes == 0 and self.coverage.width is None and situation.now_ns - self._since_ns < LOOK_NS:
+            return self._proposal(Command(), "looking how wide the view is", facts)
         if self._lane is None:
             self._lane = self._next_lane(pose)
         if self._lane is None:
             return self._proposal(Command(), f"{100 * share:.1f} % seen; what is left cannot be reached", facts)
         start, end = self._lane
         heave = self._altitude(pose)
-        if not self._begun:
+        if not self.begun:
             if np.linalg.norm(start - pose.position[:2]) < REACHED:
-                self._begun = True
+                self.begun = True
             command = self._towards(pose, start, heave)
             return self._proposal(command, f"to the next lane's start; {100 * share:.1f} % seen", facts)
         along = (end - start) / max(float(np.linalg.norm(end - start)), 1e-9)
         if float((end - pose.position[:2]) @ along) < REACHED:
-            self._lane, self._begun = None, False
+            self._lane, self.begun = None, False
             return self._proposal(Command(0.0, heave), f"lane done; {100 * share:.1f} % seen", facts)
         ahead = pose.position[:2] + along * 0.6
         aim = start + along * float((ahead - start) @ along)
@@ -71,19 +82,19 @@ class Survey:
         return Command(command.surge, heave, command.yaw, command.pitch)
 
     def _altitude(self, pose: Pose) -> float:
-        ground = self.coverage.ground()
-        if ground is None:
-            return 0.0
-        return float(np.clip(0.5 * (ground + self.settings.altitude - pose.position[2]), -0.1, 0.1))
+        return self.coverage.climb(pose, self.settings.altitude)
+
+    def _view(self) -> tuple[float, float]:
+        """How far the view reaches to starboard (negative) and to port, m."""
+        return self.coverage.width or (-0.3, 0.3)
 
     def _next_lane(self, pose: Pose) -> tuple[Floats, Floats] | None:
         """The next strip to the north of what is seen, or the nearest hole."""
-        assert self.settings.area is not None
-        west, south, east, north = self.settings.area
-        width = self.coverage.width or (-0.3, 0.3)
+        west, south, east, north = self._area
+        width = self._view()
         reach = max(width[1] - width[0], 0.2)
         y = self._y
-        if y is not None and y < north:
+        if y < north:
             # The view lies aside of the vehicle: put its lower edge where the unseen begins, less the overlap.
             lower, upper = (width[0], width[1]) if self._way > 0 else (-width[1], -width[0])
             middle = y - lower if y > south else south - lower
@@ -93,6 +104,7 @@ class Survey:
             )
             self._y = lane + upper - self.settings.overlap * reach if lane + upper < north - 1e-6 else north
             self._way = -self._way
+            self.lanes += 1
             return np.array([ends[0], lane]), np.array([ends[1], lane])
         hole = self.coverage.nearest_hole(pose)
         if hole is None or self._holes_left == 0:

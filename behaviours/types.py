@@ -21,6 +21,7 @@ class Pose:
     rotation   (3, 3) odom <- base_link
     velocity   (3,) m/s of base_link over ground, axes of base_link
     rate       (3,) rad/s, axes of base_link
+    acceleration  (3,) m/s^2 over ground, axes of base_link; nought where nothing measures it
     """
 
     stamp_ns: int
@@ -28,6 +29,7 @@ class Pose:
     rotation: Floats
     velocity: Floats
     rate: Floats
+    acceleration: Floats = field(default_factory=lambda: np.zeros(3))
 
     @property
     def heading(self) -> float:

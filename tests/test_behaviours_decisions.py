@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 import importlib
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from behaviours.coordinator import coordinate
 from behaviours.decisions import Decision
 from behaviours.expectations import exit_status, parse_plan
+from behaviours.feed import Seen
+from behaviours.pilot import Pilot
+from behaviours.settings import BehaviourSettings
+from behaviours.situation import Situation
 from behaviours.types import AXES, Command, Proposal
 from garbi_map.errors import GarbiError
-from tests.behaviour_parts import START, pose
+from tests.behaviour_parts import MOUNT, START, pose, profile, rig, wall
 
 LOGS = Path(__file__).resolve().parents[1] / "logs"
 SHARE = st.just(0.0) | st.floats(0.001, 1)
@@ -114,28 +119,45 @@ def run(*arguments: object) -> tuple[int, str]:
     return got.exit_code, got.output
 
 
+PLAN = """\
+behaviours: {travel: null, hold: {target: cylinder, range: 1.5}}
+expectations: [target: {between: [8, 24]}, says: {text: never said}]
+"""
+
+
 @pytest.fixture(scope="module")
-def decided(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The decisions on the pipe's log, made with one thread."""
-    out = tmp_path_factory.mktemp("replay") / "decisions.mcap"
-    assert run(LOGS / "behaviour_pipe.mcap", "-o", out, "--workers", 1)[0] == 0
-    return out
+def decided(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, int, str]:
+    """The pipe's log replayed with one thread and a plan of which one line cannot hold: plan, decisions, exit status,
+    what was printed."""
+    folder = tmp_path_factory.mktemp("replay")
+    plan, out = folder / "plan.yaml", folder / "decisions.mcap"
+    plan.write_text(PLAN)
+    return plan, out, *run(LOGS / "behaviour_pipe.mcap", "--behaviours", plan, "-o", out, "--workers", 1)
 
 
-def test_the_same_log_makes_the_same_bytes_whatever_the_threads(decided: Path, tmp_path: Path) -> None:
+def test_the_same_log_makes_the_same_bytes_whatever_the_threads(
+    decided: tuple[Path, Path, int, str], tmp_path: Path
+) -> None:
     """Twice, with one thread and with three."""
-    assert run(LOGS / "behaviour_pipe.mcap", "-o", tmp_path / "again.mcap", "--workers", 3)[0] == 0
-    assert (tmp_path / "again.mcap").read_bytes() == decided.read_bytes()
+    plan, out, _, _ = decided
+    run(LOGS / "behaviour_pipe.mcap", "--behaviours", plan, "-o", tmp_path / "again.mcap", "--workers", 3)
+    assert (tmp_path / "again.mcap").read_bytes() == out.read_bytes()
 
 
-def test_decisions_are_standard_messages_that_explain_themselves(decided: Path) -> None:
+def test_a_failed_expectation_is_exit_status_four(decided: tuple[Path, Path, int, str]) -> None:
+    """A plan on the command line wins over the log's own."""
+    _, _, status, output = decided
+    assert status == 4 and "held         target" in output and "failed       says" in output
+
+
+def test_decisions_are_standard_messages_that_explain_themselves(decided: tuple[Path, Path, int, str]) -> None:
     """A diagnostic array per tick with every behaviour, the coordinator and safety; a twist; a verdict at the end."""
     from mcap.reader import make_reader
     from rosbags.typesys import Stores, get_typestore
 
     types = get_typestore(Stores.ROS2_HUMBLE)
     found: dict[str, list] = {}
-    with decided.open("rb") as file:
+    with decided[1].open("rb") as file:
         for schema, channel, message in make_reader(file).iter_messages():
             assert schema is not None
             found.setdefault(channel.topic, []).append(types.deserialize_cdr(message.data, schema.name))
@@ -157,9 +179,67 @@ def test_the_logs_of_the_project_are_a_test_suite() -> None:
     assert "sample.mcap" not in output
 
 
-def test_a_failed_expectation_is_exit_status_four(tmp_path: Path) -> None:
-    """A plan on the command line wins over the log's own."""
-    plan = tmp_path / "plan.yaml"
-    plan.write_text("expectations: [says: {text: never said}]")
-    status, output = run(LOGS / "behaviour_pipe.mcap", "--behaviours", plan)
-    assert status == 4 and "failed" in output
+def test_a_rig_that_looks_straight_down_moves_on_a_stated_prior_only() -> None:
+    """The survey leg's log, with its prior and without: slowly, or not at all; both times it says why."""
+    from behaviours.log_feed import LogFeed
+    from behaviours.replay import decide_all, plan_of
+    from garbi_map.config import Config
+    from garbi_map.log import open_log
+
+    log = open_log([LOGS / "behaviour_survey_leg.mcap"])
+    plan = plan_of(log, None)
+    for prior, words in ((plan.behaviours.prior, "the stated prior's speed"), (None, "no prior is stated")):
+        told = plan.model_copy(update={"behaviours": plan.behaviours.model_copy(update={"prior": prior})})
+        feed = LogFeed(log, told.behaviours.feed, Config().stripe, workers=1)
+        decisions = list(islice(decide_all(feed, told), 100))
+        surges = [one.command.surge for one in decisions[20:]]
+        assert max(surges) == pytest.approx(prior.speed if prior else 0.0)
+        assert all(words in one.text() for one in decisions[20:])
+
+
+@given(
+    st.lists(
+        st.tuples(
+            SHARE, st.integers(0, 3), st.tuples(*[st.floats(-1, 1)] * 4), st.sets(st.sampled_from(AXES)), st.booleans()
+        ),
+        max_size=5,
+    )
+)
+def test_coordination_never_invents(given_: list) -> None:
+    """On every axis the command lies within what those who care for it, and have not expired, ask for; else it is nought."""
+    proposals = [
+        Proposal(f"b{n}", share, Command.of(np.array(values)), "", priority, tuple(axes), 0 if gone else 10)
+        for n, (share, priority, values, axes, gone) in enumerate(given_)
+    ]
+    got = coordinate(proposals, 5).command.array()
+    for number, axis in enumerate(AXES):
+        asked = [
+            one.command.array()[number]
+            for one in proposals
+            if axis in one.axes and one.expires_ns > 5 and one.activation > 0
+        ] or [0.0]
+        assert min(asked) - 1e-9 <= got[number] <= max(asked) + 1e-9
+
+
+@given(st.tuples(*[st.floats(-2, 2)] * 4))
+@settings(max_examples=25, deadline=None)
+def test_safety_has_the_last_word_whatever_is_proposed(wanted: tuple) -> None:
+    """Any behaviour, at any priority: the command that leaves the pilot is one that safety leaves as it is."""
+    at = pose(1.0)
+
+    class Any:
+        name = "any"
+
+        def propose(self, situation: Situation) -> Proposal:
+            return Proposal("any", 1.0, Command.of(np.array(wanted)), "whatever", 10**6)
+
+    pilot = Pilot(BehaviourSettings(), rig(), MOUNT)
+    pilot.behaviours.append(Any())
+    one = profile(wall(1.6), at)
+    decision = pilot.decide(Seen(at.stamp_ns, at, [one] * 3))
+    assert decision.winner == "any" and decision.merged.array() == pytest.approx(np.array(wanted))
+    situation = pilot._situation(Seen(at.stamp_ns, at), at)
+    again = pilot.safety.filter(
+        decision.command, at, situation.nearby, situation.corridor, situation.movers, situation.troubles
+    )
+    assert again.command.array() == pytest.approx(decision.command.array(), abs=2e-3)

@@ -77,12 +77,10 @@ def test_a_glitch_neither_moves_it_nor_sets_the_target() -> None:
     """One second of a thing half a metre before the wall changes neither the motion nor what is held afterwards."""
     behaviour = armed()
     hold(behaviour, 0, 6, 1.5)
-    behaviour.target.forget()
     glitch = hold(behaviour, 6, 1, 0.9)
     assert all(got.command.surge == 0.0 and abs(got.command.heave) < 1e-9 for got in glitch[1:])
     assert "glitch" in glitch[-1].reason
     assert behaviour.wanted == 1.5
-    behaviour.target.forget()
     after = hold(behaviour, 7, 2, 1.5)[-1]
     assert after.facts["target"] == 1.0 and abs(after.command.surge) < 0.03
 
@@ -91,8 +89,7 @@ def test_a_new_range_that_lasts_is_believed() -> None:
     """What began as a glitch and stays is the target."""
     behaviour = armed()
     hold(behaviour, 0, 6, 1.5)
-    behaviour.target.forget()
-    last = hold(behaviour, 6, 5, 1.0)[-1]
+    last = hold(behaviour, 6, 10, 1.0)[-1]
     assert last.facts["target"] == 1.0 and last.command.surge < 0.0
 
 
@@ -186,3 +183,14 @@ def test_half_a_second_without_decisions_is_no_rearm() -> None:
     kept = behaviour.depth
     behaviour.propose(situation(pose(3.5, (0.0, 0.0, 0.3)), []))
     assert behaviour.depth == kept and SECOND == 10**9
+
+
+def test_the_object_that_is_chosen_is_held_and_else_the_nearest() -> None:
+    """A post stands half a metre before a wall: without a word the post's face is held, with it the wall."""
+    for chosen, expected in ((None, 1.2), ((1.95, 0.0, 0.0), 1.5)):
+        behaviour = Stabilisation(HoldSettings(at=chosen, jump=0.5, least_spread=0.05), MOUNT.translation)
+        for n in range(50):
+            at, y = pose(0.1 * n), 0.5 * np.sin(0.7 * n)
+            shown = line(1.2 if abs(y) < 0.25 else 1.5, n)
+            got = behaviour.propose(situation(at, [profile(shown, at)]))
+        assert got.facts["range"] == pytest.approx(expected, abs=0.03)

@@ -53,6 +53,51 @@ def test_without_the_barrier_it_would_not(monkeypatch: pytest.MonkeyPatch) -> No
     assert approach(safety(), unknown=True) < 0.0
 
 
+def test_without_the_unknown_rule_it_would_enter_the_unseen(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Unseen space taken for free: the vehicle goes in."""
+    still = SafetyFilter._still
+    monkeypatch.setattr(
+        SafetyFilter, "_still", lambda self, at, nearby: still(self, at, NOTHING if nearby.unknown.any() else nearby)
+    )
+    assert approach(safety(), unknown=True) < 0.0
+
+
+def blindfold(filter_: SafetyFilter) -> float:
+    """m that a vehicle that wants on makes in a minute after its last look at the water ahead."""
+    at = pose(0)
+    for n in range(600):
+        got = filter_.filter(Command(0.3), at, NOTHING, Corridor(3.0, 0.1 * n, "nothing"), [], [])
+        at = obeyed(at, got.command.surge, 0.0, 0.0, 0.1)
+    return float(at.position[0])
+
+
+def test_a_view_that_ages_brings_it_to_rest() -> None:
+    """Within the three metres that it saw."""
+    assert blindfold(safety()) < 3.0 - 0.3
+
+
+def test_without_the_age_limit_it_would_go_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same with every view taken for fresh."""
+    limit = SafetyFilter.speed_limit
+    monkeypatch.setattr(
+        SafetyFilter,
+        "speed_limit",
+        lambda self, seen, troubles: limit(self, Corridor(seen.length, 0.0, seen.end), troubles),
+    )
+    assert blindfold(safety()) > 3.0
+
+
+def test_unseen_space_at_the_hull_lets_it_turn_and_back_off() -> None:
+    """Unseen water at the bow's corner: no surge into it, but a slow turn, and astern as asked: never trapped."""
+    corner = Nearby(np.array([0.0]), np.array([[0.7, 0.7, 0.0]]), np.array([[0.65, 0.45, 0.0]]), np.array([True]))
+    ahead = safety().filter(Command(0.2), pose(0), corner, OPEN, [], []).command
+    turning = safety().filter(Command(yaw=0.3), pose(0), corner, OPEN, [], []).command
+    back = safety().filter(Command(-0.12, yaw=-0.2), pose(0), corner, OPEN, [], []).command
+    assert ahead.surge <= 1e-3
+    assert 0.05 < turning.yaw <= 0.3
+    assert back.surge == pytest.approx(-0.12) and back.yaw == pytest.approx(-0.2)
+
+
 def test_unseen_space_is_an_obstacle() -> None:
     """The vehicle does not enter what it has not seen."""
     assert approach(safety(), unknown=True) >= 0.0

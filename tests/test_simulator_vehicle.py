@@ -72,3 +72,14 @@ def test_a_route_is_flown_at_its_speed_with_the_bow_along_it(kind: str) -> None:
     way = step * np.sign(reference.speed[1:, None])
     off = np.arctan2(way[:, 1], way[:, 0]) - reference.heading[1:]
     assert np.percentile(np.abs((off + np.pi) % (2 * np.pi) - np.pi), 75 if kind == "shuttle" else 100) < 0.06
+
+
+def test_a_bluerov_comes_to_rest_and_obeys() -> None:
+    """With the signs corrected the published model damps: let go at speed it slows down; told to go, it goes."""
+    vehicle = started(STILL.model_copy(update={"vehicle": "bluerov2"}))
+    vehicle.step(Command(surge=0.4), 6.0)
+    assert np.linalg.norm(vehicle.velocity) == pytest.approx(0.4, abs=0.02)
+    vehicle.step(Command(), 6.0)
+    assert np.linalg.norm(vehicle.velocity) < 0.02
+    vehicle.step(Command(yaw=0.3), 6.0)
+    assert vehicle.motion.at(vehicle.time).rate[0, 2] == pytest.approx(0.3, abs=0.02)

@@ -7,7 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
+from typer.testing import CliRunner
 
+from garbi_map.errors import GarbiError
 from garbi_map.seabed import AcceptedPoints
 from garbi_map.view import style
 from garbi_map.view.blueprint import work_blueprint
@@ -71,3 +74,24 @@ def test_sweeps_path_and_points_are_drawn(tmp_path: Path) -> None:
     assert len([row for row in content[style.VEHICLE]["Transform3D:translation"] if row]) == IMAGES
     (cloud,) = [row for row in content[f"{style.POINTS.path}/7"]["Points3D:positions"] if row]
     assert len(cloud) == 15_000
+
+
+@pytest.mark.parametrize("command", [["map", "LOG", "-o", "OUT"], ["replay", "LOG"]])
+def test_without_a_display_nothing_is_begun(
+    command: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One clear line before the work, not after it."""
+    import behaviours.cli
+    import garbi_map.cli.map  # noqa: F401
+    from garbi_map.cli.app import app
+
+    assert behaviours.cli
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    monkeypatch.setattr("sys.platform", "linux")
+    log = Path(__file__).resolve().parents[1] / "logs" / "behaviour_wall.mcap"
+    names = {"LOG": str(log), "OUT": str(tmp_path / "out")}
+    done = CliRunner().invoke(app, [*(names.get(word, word) for word in command), "--view"])
+    assert isinstance(done.exception, GarbiError)
+    assert "there is no display here" in str(done.exception)
+    assert not (tmp_path / "out").exists()

@@ -10,9 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from garbi_map.config import Config
-from garbi_map.seabed import Mesh
+from garbi_map.seabed import Mesh, Seabed
 from garbi_map.view import record_map, style
 from garbi_map.view.budget import share_out
+from garbi_map.view.cloud import FinishedMap
 from garbi_map.view.settings import ViewSettings
 from garbi_map.view.surface import vertex_normals
 from garbi_map.view.thin import runs, thinned
@@ -190,3 +191,15 @@ def test_normals_of_a_tilted_plane_are_the_plane_s() -> None:
     triangles = np.array([t for a, b, c, d in squares for t in ((a, b, c), (a, c, d))], np.int32)
     normals = vertex_normals(Mesh(vertices, triangles, np.zeros(9, bool)))
     np.testing.assert_allclose(normals, np.tile(np.array([-0.5, 0.0, 1.0]) / np.sqrt(1.25), (9, 1)), atol=1e-6)
+
+
+def test_height_above_a_slope_is_not_that_above_its_cells() -> None:
+    """On z = 0.5 x + 0.2 y, cells of 1 cm: points on the plane are on the surface wherever they lie in a cell."""
+    x, y = (np.arange(20) + 0.5) * 0.01, (np.arange(10) + 0.5) * 0.01
+    ones = np.ones((10, 20), np.float32)
+    plane = (0.5 * x[None, :] + 0.2 * y[:, None]).astype(np.float32)
+    count = np.ones((10, 20), np.int32)
+    seabed = Seabed((0.0, 0.0), 0.01, plane, 0.001 * ones, count, 0.001 * ones, 100 * ones, count)
+    points = np.random.default_rng(1).uniform([0, 0, 0], [0.2, 0.1, 0], (500, 3))
+    points[:, 2] = 0.5 * points[:, 0] + 0.2 * points[:, 1] + 0.003
+    np.testing.assert_allclose(FinishedMap.of(seabed, (0, 1)).beside(points), 0.003, atol=1e-6)

@@ -138,5 +138,5 @@ def test_a_decision_shows_who_wants_what(of_decisions: HeadlessViewer, tmp_path:
         assert near(picture, style.HULL) > 1000
         assert near(picture, style.SAFE.colour, 90) > 100
         assert near(picture, style.COMMAND.colour, 90) > 50
-    alarm = [near(picture, style.MOVING.colour, 100) for picture in (before, after)]
+    alarm = [near(picture, style.MOVING.colour) for picture in (before, after)]
     assert alarm[0] < 30 and alarm[1] > 300

@@ -25,6 +25,7 @@ class FinishedMap:
     brightest   intensity that is drawn white, 0..255
     off         m off the surface at the ends of the residual's ramp
     span_ns     begin and end of the dive
+    slope       (2, rows, columns) of the surface along y and x; 0 where a neighbour is missing
     """
 
     seabed: Seabed
@@ -33,6 +34,7 @@ class FinishedMap:
     brightest: float
     off: float
     span_ns: tuple[int, int]
+    slope: NDArray[np.float64]
 
     @classmethod
     def of(cls, seabed: Seabed, span_ns: tuple[int, int]) -> FinishedMap:
@@ -45,6 +47,7 @@ class FinishedMap:
             max(float(np.percentile(seabed.intensity[known], 98)), 1.0),
             max(3.0 * float(np.nanmedian(seabed.standard_deviation[known])), 1e-4),
             span_ns,
+            _slope(seabed),
         )
 
     def cells(self, points: NDArray) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
@@ -57,9 +60,13 @@ class FinishedMap:
         return flat, inside & self.seabed.known.ravel()[flat]
 
     def beside(self, points: NDArray) -> NDArray:
-        """Height (n,) m of points (n, 3) above the finished surface; NaN where there is none."""
+        """Height (n,) m of points (n, 3) above the finished surface, sloping as it does; NaN where there is none."""
         flat, known = self.cells(points)
-        return np.where(known, points[:, 2] - self.seabed.elevation.ravel()[flat], np.nan)
+        row, column = np.divmod(flat, self.seabed.elevation.shape[1])
+        along_x = points[:, 0] - self.seabed.origin[0] - (column + 0.5) * self.seabed.cell
+        along_y = points[:, 1] - self.seabed.origin[1] - (row + 0.5) * self.seabed.cell
+        y, x = (slope.ravel()[flat] for slope in self.slope)
+        return np.where(known, points[:, 2] - self.seabed.elevation.ravel()[flat] - y * along_y - x * along_x, np.nan)
 
     def belongs(self, points: NDArray, band: float) -> NDArray[np.bool_]:
         """Which points (n,) lie within `band` m and four standard deviations of the finished surface."""
@@ -82,6 +89,12 @@ class FinishedMap:
             "Age": packed(heat((stamp_ns - self.span_ns[0]) / max(self.span_ns[1] - self.span_ns[0], 1))),
             "Residual": packed(either_side(self.beside(points) / self.off)),
         }
+
+
+def _slope(seabed: Seabed) -> NDArray[np.float64]:
+    if min(seabed.elevation.shape) < 2:
+        return np.zeros((2, *seabed.elevation.shape))
+    return np.nan_to_num(np.array(np.gradient(seabed.elevation.astype(float), seabed.cell)))
 
 
 def heat(share: NDArray) -> NDArray[np.uint8]:

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
     from garbi_map.stripe import Stripe
 
-_BARS = 40
-"""Bars of sigma in an image."""
 _COMPRESSED = {b"\xff\xd8": "image/jpeg", b"\x89P": "image/png"}
 
 
@@ -90,14 +88,16 @@ def send_candidates(recording: RecordingStream, stamp_ns: NDArray[np.int64], oth
     recording.send_columns(style.CANDIDATES.path, at(stamp_ns), rows)
 
 
-def send_sigma(recording: RecordingStream, stripes: list[Stripe]) -> None:
-    """Bars of SIGMA_SCALE sigma to either side of some points of each stripe."""
+def send_sigma(recording: RecordingStream, stripes: list[Stripe], most: int) -> None:
+    """Bars of SIGMA_SCALE sigma to either side of at most so many points of each stripe."""
     import rerun as rr
 
-    for stripe in stripes:
-        pick = thinned(len(stripe.u), _BARS)
-        u, reach, row = stripe.u[pick], style.SIGMA_SCALE * stripe.sigma[pick], stripe.row[pick]
-        ends = np.stack([np.stack([u - reach, row], 1), np.stack([u + reach, row], 1)], axis=1) + 0.5
-        set_time(recording, stripe.stamp_ns)
-        recording.log(style.STRIPE_SIGMA.path, rr.LineStrips2D.from_fields(strips=list(ends.astype(np.float32))))
-    recording.reset_time()
+    picks = [thinned(len(stripe.u), most) for stripe in stripes]
+    found = list(zip(stripes, picks, strict=True))
+    u, sigma, row = (
+        np.concatenate([getattr(stripe, name)[pick] for stripe, pick in found]) for name in ("u", "sigma", "row")
+    )
+    ends = [np.stack([u + side * style.SIGMA_SCALE * sigma, row], axis=1) for side in (-1, 1)]
+    bars = (np.stack(ends, axis=1) + 0.5).astype(np.float32)
+    rows = rr.LineStrips2D.columns(strips=list(bars)).partition([len(pick) for pick in picks])
+    recording.send_columns(style.STRIPE_SIGMA.path, at([stripe.stamp_ns for stripe in stripes]), rows)

@@ -10,33 +10,25 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from garbi_map.config import Config
-from garbi_map.errors import GarbiError
-from garbi_map.log import Image, Log, Mount, Navigation
+from garbi_map.log import Log, Mount, Navigation
 from garbi_map.rig import Rig
-from garbi_map.stripe import ImageLosses, Stripe, detect_all
-from garbi_map.sweep import laser_angle
 from garbi_map.view import style
 from garbi_map.view.about import about_log
-from garbi_map.view.images import send_candidates, send_image, send_sigma, send_stripes, style_stripe
+from garbi_map.view.images import style_stripe
 from garbi_map.view.lanes import Lanes
+from garbi_map.view.log_camera import CameraSender
 from garbi_map.view.losses import send_losses
 from garbi_map.view.silence import Silence
 from garbi_map.view.stream import at, name_curves, send_curves
-from garbi_map.view.thin import thinned
-from garbi_map.view.vehicle import draw_profiles, draw_vehicle
-from garbi_map.view.watching import WatchingDetector
+from garbi_map.view.vehicle import draw_vehicle
 
 if TYPE_CHECKING:
     from rerun import RecordingStream
-
-    from garbi_map.sweep.angle import Angle
 
 _FIRST_NS, _WINDOW_NS = 500_000_000, 5_000_000_000
 _MARGIN_NS = 1_000_000_000
 """More of the encoder than the window: the laser's angle is smoothed."""
 _MOST_WINDOWS = 10_000
-_MOST_ROWS = 192
-"""Points of a stripe that are drawn."""
 _PLOTS = (style.ENCODER, style.STRENGTH, style.ATTITUDE, style.DEPTH, style.VELOCITY, style.BACKSCATTER)
 
 
@@ -61,7 +53,7 @@ def stream_log(
     style_stripe(recording)
     silence, lanes = Silence(), Lanes(recording)
     known: list[str] = []
-    losses = ImageLosses()
+    camera = CameraSender(recording, log, rig, config, workers, silence)
     drawn, damaged, lost_until = False, 0, 0
     for begin, end in _windows(log):
         navigation = log.navigation(
@@ -71,7 +63,7 @@ def stream_log(
             draw_vehicle(recording, rig, navigation.mount("rig"))
             drawn = True
         _send_navigation(recording, navigation, config, begin, end)
-        _send_camera(recording, log, rig, navigation, config, begin, end, workers, silence, losses)
+        camera.send(navigation, begin, end)
         for gap in silence.gaps(navigation, begin, end):
             send_losses(recording, [gap.line], gap.begin_ns)
             lanes.span(gap.sensor, style.NOTHING, gap.begin_ns, gap.end_ns)
@@ -88,9 +80,10 @@ def stream_log(
         lanes.span(gap.sensor, style.NOTHING, gap.begin_ns, gap.end_ns)
     if not lanes.any:
         lanes.span("log", style.WHOLE, log.begin_ns, log.end_ns)
-    for line in losses.lines():
+    unusable = camera.losses.lines()
+    for line in unusable:
         log.lose(line)
-    send_losses(recording, losses.lines(), log.end_ns)
+    send_losses(recording, unusable, log.end_ns)
 
 
 def _windows(log: Log) -> Iterator[tuple[int, int]]:
@@ -146,71 +139,6 @@ def _send_pose(recording: RecordingStream, found: Navigation, config: Config, wi
         )
     rows = rr.Transform3D.columns(translation=place, quaternion=turn.astype(np.float32))
     recording.send_columns(style.VEHICLE, at(stamps), rows)
-
-
-def _send_camera(
-    recording: RecordingStream,
-    log: Log,
-    rig: Rig | None,
-    found: Navigation,
-    config: Config,
-    begin: int,
-    end: int,
-    workers: int,
-    silence: Silence,
-    losses: ImageLosses,
-) -> None:
-    """Images as they come, the stripes of all of them at the window's end."""
-
-    def images() -> Iterator[Image]:
-        for image in log.images(begin, end):
-            silence.image(image.stamp_ns)
-            if (silence.images - 1) % config.view.every == 0:
-                if config.view.images:
-                    send_image(recording, image)
-                yield image
-
-    angle = _angle(found, rig, config)
-    detector = WatchingDetector(config.stripe, rig)
-    stripes = list(detect_all(images(), detector, angle.alpha if angle else None, workers, losses))
-    recording.reset_time()
-    if not stripes:
-        return
-    stamps = np.array([stripe.stamp_ns for stripe in stripes], np.int64)
-    picks = [thinned(len(stripe.u), _MOST_ROWS) for stripe in stripes]
-    lengths = np.array([len(pick) for pick in picks])
-    u = np.concatenate([stripe.u[pick] for stripe, pick in zip(stripes, picks, strict=True)])
-    row = np.concatenate([stripe.row[pick] for stripe, pick in zip(stripes, picks, strict=True)])
-    seen = [detector.take(stripe.stamp_ns) for stripe in stripes]
-    send_curves(recording, style.BACKSCATTER, stamps, [one.water for one in seen])
-    if config.view.images:
-        send_candidates(recording, stamps, [one.others[thinned(len(one.others), _MOST_ROWS // 2)] for one in seen])
-        send_sigma(recording, stripes)
-        send_stripes(recording, stamps, np.stack([u, row], axis=1), lengths)
-    rows = rig.camera.height if rig else max(int(row.max(initial=0)) + 1, 1)
-    send_curves(recording, style.STRENGTH, stamps, [_strength(stripe, rows) for stripe in stripes])
-    if rig is not None and angle is not None:
-        alpha = np.repeat(angle.at(stamps)[0], lengths)
-        points = rig.triangulate(u.astype(float), row.astype(float), alpha).points
-        depth = rig.depth(points)
-        good = (depth > config.stripe.min_range) & (depth < config.stripe.max_range)  # NaN is no good
-        kept = np.bincount(np.repeat(np.arange(len(stamps)), lengths)[good], minlength=len(stamps))
-        draw_profiles(recording, rig.laser.apex, stamps, points[good], kept)
-
-
-def _angle(found: Navigation, rig: Rig | None, config: Config) -> Angle | None:
-    """The laser's angle, where the window tells it."""
-    if rig is None:
-        return None
-    try:
-        return laser_angle(found.encoder, rig, config.sweep)
-    except GarbiError:
-        return None
-
-
-def _strength(stripe: Stripe, rows: int) -> tuple[float, float]:
-    """Median peak above background, 0..255, and the share of the rows that see the laser, %."""
-    return (float(np.median(stripe.intensity)) if len(stripe.intensity) else 0.0, 100.0 * len(stripe.u) / rows)
 
 
 def _depth(pressure: NDArray[np.float64], config: Config) -> NDArray[np.float64]:

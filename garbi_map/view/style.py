@@ -83,8 +83,6 @@ POINTS = Thing("map/seabed/points", (30, 116, 148), "points", "the map as it gro
 LOOPS = Thing("map/route/loops", WELL, "green lines", "two passes over the same ground that were found to be the same")
 TRUTH_ROUTE = Thing("map/truth/route", TRUTH, "violet line", "the true path, where the log of a simulation has it")
 REJECTED = Thing("map/seabed/moving", ALARM, "red points", "what moved or floated: seen, and left out of the map")
-COMPARED = "map/compare"
-"""Where what changed since another map is drawn."""
 
 COMMAND = Thing("map/vehicle/intent/command", OURS, "orange arrow", "the command, after safety had the last word")
 PROPOSAL = Thing("map/vehicle/intent/proposal", CAMERA, "other arrows", "what each behaviour wants")

@@ -21,7 +21,7 @@ from garbi_map.errors import GarbiError
 WEB_PORT = 9090
 _DATA_PORT = 9876
 _HERE = "127.0.0.1"
-_MAGIC = b"RRF"
+_MAGIC, _OLD = b"RRF", (b"RRF0", b"RRF1")
 
 
 @dataclass(frozen=True)
@@ -117,6 +117,8 @@ def check_recording(path: Path) -> Path:
         raise GarbiError(f"{path}: cannot be read: {error.strerror}") from error
     if not magic.startswith(_MAGIC):
         raise GarbiError(f"{path}: not a Rerun recording (.rrd)")
+    if magic in _OLD:
+        raise GarbiError(f"{path}: a recording of an older Rerun: make it again with garbi map or garbi view --save")
     return path
 
 

@@ -1,11 +1,12 @@
-"""python -m tools.bench.behaviours [LOG]: from an image's bytes to the command, one core, decoding included; and how much
-faster than real time a replay runs. CPU time of this process, so that a busy machine does not count."""
+"""python -m tools.bench.behaviours [LOG...]: from an image's bytes to the command, one core, decoding included; how much
+faster than real time a replay runs; memory over an hour. CPU time of this process, so that a busy machine does not count."""
 
 from __future__ import annotations
 
 import json
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +15,9 @@ from behaviours.feed import Intake, Sighting
 from behaviours.log_feed import LogFeed
 from behaviours.pilot import Pilot
 from behaviours.replay import decide_all, plan_of
+from behaviours.settings import HoldSettings
 from garbi_map.config import Config
-from garbi_map.log import open_log
+from garbi_map.log import Navigation, open_log
 from garbi_map.rig import parse_rig
 from garbi_map.stripe import StripeDetector, StripeSettings
 from garbi_map.stripe.decode import decode
@@ -24,17 +26,21 @@ from garbi_map.sweep import SweepSettings, laser_angle
 LOGS = Path(__file__).resolve().parents[2] / "logs"
 
 
-def image_to_command(path: Path) -> dict[str, float]:
-    """Milliseconds per image: decode, find the stripe, triangulate, carve, decide."""
+HOLD = HoldSettings(target="patch", farthest=4.0, least_points=200)  # the slowest registration there is
+
+
+def image_to_command(path: Path, hold: HoldSettings | None = None) -> dict[str, float]:
+    """Milliseconds per image: decode, find the stripe, triangulate, carve, decide. hold: besides the log's own plan."""
     log = open_log([path])
     rig = parse_rig(log.rig_text or "", str(path))
     readings = log.navigation()
     angle = laser_angle(readings.encoder, rig, SweepSettings())
     detector = StripeDetector(StripeSettings(), rig)
-    plan = plan_of(log, None)
-    intake = Intake(rig, readings.mounts, plan.behaviours.feed)
+    given = plan_of(log, None).behaviours
+    given = given if hold is None else given.model_copy(update={"hold": hold})
+    intake = Intake(rig, readings.mounts, given.feed)
     intake.read(readings)
-    pilot = Pilot(plan.behaviours, rig, intake.mount)
+    pilot = Pilot(given, rig, intake.mount)
     took = []
     for image in log.images():
         intake.until(image.arrival_ns)  # navigation is taken in as it comes, not when an image does
@@ -50,6 +56,45 @@ def image_to_command(path: Path) -> dict[str, float]:
     }  # fmt: skip
 
 
+def memory(path: Path, minutes: int = 60, every: int = 10) -> list[float]:
+    """MB resident after each `every` minutes of a feed that shows the log again and again, holding station besides."""
+    log = open_log([path])
+    rig = parse_rig(log.rig_text or "", str(path))
+    readings = log.navigation()
+    angle = laser_angle(readings.encoder, rig, SweepSettings())
+    detector = StripeDetector(StripeSettings(), rig)
+    images = list(log.images())
+    stripes = [detector.detect(decode(one), one.stamp_ns, angle.alpha(one.stamp_ns)) for one in images]
+    given = plan_of(log, None).behaviours.model_copy(update={"hold": HOLD})
+    intake = Intake(rig, readings.mounts, given.feed)
+    pilot = Pilot(given, rig, intake.mount)
+    period, length = round(given.feed.period * 1e9), log.end_ns - log.begin_ns
+    found: list[float] = []
+    shift, now = 0, log.begin_ns
+    while len(found) < minutes // every:
+        intake.read(_later(readings, shift))
+        for image, stripe in zip(images, stripes, strict=True):
+            shown = replace(stripe, stamp_ns=stripe.stamp_ns + shift)
+            intake.sight(Sighting(shown, image.arrival_ns + shift, angle.alpha(image.stamp_ns), shift // length, False))
+        while now < log.begin_ns + shift + length:
+            now += period
+            pilot.decide(intake.until(now))
+        shift += length
+        if shift > (len(found) + 1) * every * 60e9:
+            pages = int(Path("/proc/self/statm").read_text().split()[1])
+            found.append(pages * 4096 / 1e6)
+    return found
+
+
+def _later(readings: Navigation, shift: int) -> Navigation:
+    moved = {}
+    for kind in ("encoder", "imu", "pressure", "dvl"):
+        record = getattr(readings, kind)
+        if record is not None:
+            moved[kind] = replace(record, stamp_ns=record.stamp_ns + shift, arrival_ns=record.arrival_ns + shift)
+    return Navigation(**moved)
+
+
 def replay_speed(path: Path) -> float:
     """Seconds of log per second of CPU."""
     log = open_log([path])
@@ -62,8 +107,12 @@ def replay_speed(path: Path) -> float:
 
 def main() -> int:
     """Print and leave the figures as JSON."""
-    paths = [Path(name) for name in sys.argv[1:]] or [LOGS / "sample.mcap", LOGS / "behaviour_wall.mcap"]
-    found = {path.name: {**image_to_command(path), "replay_times_real_time": replay_speed(path)} for path in paths}
+    paths = [Path(name) for name in sys.argv[1:]] or [LOGS / "sample.mcap", *sorted(LOGS.glob("behaviour_*.mcap"))]
+    found: dict[str, object] = {
+        path.name: {**image_to_command(path), "replay_times_real_time": replay_speed(path)} for path in paths
+    }
+    found["with a patch held: " + paths[0].name] = image_to_command(paths[0], HOLD)
+    found["memory_mb_every_10_min"] = memory(paths[-1])
     print(json.dumps(found, indent=1))
     return 0
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation, Slerp
+from scipy.spatial.transform import Rotation
 
 from garbi_map.log.records import Floats
 
@@ -45,7 +45,7 @@ class Motion:
         return float(self.rows[-1, 0])
 
     def at(self, time: ArrayLike) -> Kinematics:
-        """The motion at times (n,) s: cubic in position, on the great arc in attitude.
+        """The motion at times (n,) s: cubic in position, linear in the quaternion.
 
         Raises ValueError for a moment that has not come yet."""
         rows = self.rows
@@ -64,11 +64,10 @@ class Motion:
             - h * b[:, 8:11] * w**2 * (1 - w)
         )
         blend = a[:, 8:] * (1 - w) + b[:, 8:] * w
-        first, last = (int(after.min()) - 1, int(after.max())) if len(t) else (0, 1)
-        turning = Slerp(own[first : last + 1], Rotation.from_quat(rows[first : last + 1, 4:8]))
+        turned = a[:, 4:8] * (1 - w) + b[:, 4:8] * w  # steps are short: a straight line is as good as the great arc
         return Kinematics(
             position,
-            turning(np.clip(t, own[first], own[last])),
+            Rotation.from_quat(turned),
             blend[:, :3],
             blend[:, 3:6],
             blend[:, 6:9],

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -76,11 +77,14 @@ class Renderer:
         self._grid, self._coarse_eye, self._coarse_sight = grid, *coarse
         self._coarse_vignette = ((self._coarse_sight @ axis) ** 4)[:, None]
         self._crosstalk = np.array([camera.laser_blue, 1.0, camera.laser_red], np.float32)
-        # Drawing 1.3 million normal numbers costs a third of an image: rows begin anywhere in a table of them.
-        self._noise = np.random.default_rng(scenario.seed).standard_normal(NOISE_TABLE, dtype=np.float32)
         self._per_level = camera.full_well / 255.0
         self.power = 1.0
         self.power = camera.exposure / self._test_exposure()
+
+    @cached_property
+    def _noise(self) -> NDArray[np.float32]:
+        """Drawing 1.3 million normal numbers costs a third of an image: rows begin anywhere in a table of them."""
+        return np.random.default_rng(self.scenario.seed).standard_normal(NOISE_TABLE, dtype=np.float32)
 
     def image(self, view: View, alpha: float, rng: np.random.Generator) -> NDArray[np.uint8]:
         """The image (h, w, 3) BGR at a laser angle; what is random in it comes from `rng`."""

@@ -11,7 +11,7 @@ from tools.simulator.sheet import cast_slice, plane_at
 # Measured on rendered images with a smoothed-derivative detector in clear water; haze adds a bias, not modelled.
 FLOOR = 0.035  # px, what is left of the error without noise: curved and textured ground
 BOUND = 2.0  # times the single-row bound for white noise: JPEG
-RAYS = 1200  # of the fan: a little more than one to a row
+RAYS = 2.1  # of the fan, to a row of the image
 FAINTEST = 6.0  # grey levels: a peak below is not found
 JUMP = 0.01  # m between neighbouring rays: an edge, across which no row is interpolated
 
@@ -19,7 +19,7 @@ JUMP = 0.01  # m between neighbouring rays: an edge, across which no row is inte
 def cast_stripe(renderer: Renderer, view: View, alpha: float, stamp_ns: int, rng: np.random.Generator) -> Stripe:
     """The stripe of one moment: the nearest surface wins where a row meets two; noise from the peak's own light."""
     scenario, rig = renderer.scenario, renderer.rig
-    plane = plane_at(rig, alpha, scenario.laser, RAYS)
+    plane = plane_at(rig, alpha, scenario.laser, round(RAYS * rig.camera.height))
     line = cast_slice(rig, plane, scenario.laser, 0.0, view.cast)
     energy = renderer.sharp_energy(line, plane, view)
     u, v = line.pixel.T

@@ -199,10 +199,14 @@ class Sensors(Settings):
         return 4.0 if self.suite == "cheap" else 1.0
 
 
+Model = Literal["garbi", "bluerov2"]
+
+
 class Scenario(Settings):
     """A whole dive."""
 
     title: str = ""
+    vehicle: Model = "garbi"
     duration: Positive = 30.0  # s
     seed: int = Field(default=1, ge=0)
     altitude: Positive = 1.3  # m, of base_link above the mean seabed

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -60,9 +61,13 @@ class Scene:
     texture: Texture
     movers: tuple[Mover, ...] = ()
 
-    def __post_init__(self) -> None:
-        self._still = _ray_casting(self.mesh)
-        self._moving = [(mover, _ray_casting(_body(mover))) for mover in self.movers]
+    @cached_property
+    def _still(self) -> Any:
+        return _ray_casting(self.mesh)
+
+    @cached_property
+    def _moving(self) -> list[tuple[Mover, Any]]:
+        return [(mover, _ray_casting(_body(mover))) for mover in self.movers]
 
     def cast(self, origin: Floats, direction: Floats, time: float) -> tuple[Floats, Floats]:
         """Distance (n,) m to the first surface (inf where there is none) and its unit normal (n, 3), turned towards the

@@ -1,6 +1,9 @@
-"""GARBI: four propellers for surge, heave, yaw and pitch; sway and roll are what the water does.
+"""A vehicle of four propellers for surge, heave, yaw and pitch; sway and roll are what the water does.
 
-No coefficients of GARBI are published: the ones here are assumed from its size (1.3 x 0.9 x 0.7 m, 150 kg).
+No coefficients of GARBI are published: the ones here are assumed from its size (1.3 x 0.9 x 0.7 m, 150 kg). Those of a
+BlueROV2 Heavy are von Benzon et al., An Open-Source Benchmark Simulator: Control of a BlueROV2 Underwater Robot, Journal of
+Marine Science and Engineering, 2022; damping opposes motion here, whereas with the signs as printed the model diverges. Its
+eight thrusters are taken as two pairs, and its sway thrust is not used.
 """
 
 from __future__ import annotations
@@ -45,12 +48,29 @@ class Coefficients:
     lag: float = 0.15  # s, of the propellers
 
 
+RIGID = np.array([13.5, 13.5, 13.5, 0.26, 0.23, 0.37])  # kg, kg m^2
+ADDED = np.array([6.36, 7.12, 18.68, 0.189, 0.135, 0.222])
+MODELS = {
+    "garbi": Coefficients(),
+    "bluerov2": Coefficients(
+        mass=RIGID + ADDED,
+        linear=np.array([13.7, 0.0, 33.0, 0.0, 0.8, 0.0]),
+        quadratic=np.array([141.0, 217.0, 190.0, 1.19, 0.47, 1.5]),
+        restoring=5.0,  # assumed, as are arms, thrust and loops
+        arms=np.array([0.17, 0.12]),
+        gains=np.array([[6.0, 6.0, 6.0, 8.0], [6.0, 6.0, 4.0, 8.0]]),
+        limit=40.0,
+        lag=0.1,
+    ),
+}
+
+
 class Vehicle:
     """The vehicle in its water: `step(command)` moves it on; `motion` remembers where it was."""
 
     def __init__(self, scenario: Scenario, position: Floats, heading: float, model: Coefficients | None = None) -> None:
         """At position (3,) m, map, with a heading (rad), moving with the water."""
-        model = model or Coefficients()
+        model = model or MODELS[scenario.vehicle]
         self._rng = np.random.default_rng([scenario.seed, 2])
         amplitude, omega, phase = _sea(scenario, model, self._rng)
         self._model = (

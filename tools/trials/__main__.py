@@ -1,92 +1,77 @@
-"""python -m tools.trials avoidance --seeds 300: closed-loop trials in parallel, a table, results beside the benchmarks."""
+"""python -m tools.trials avoidance --seeds 300 -o results: closed-loop trials in parallel; CSV, table and bars in a folder.
+
+`--log SEED` flies one trial again and leaves it as a log that opens in Rerun and replays."""
 
 from __future__ import annotations
 
 import argparse
-import json
 import sys
-from collections import defaultdict
+from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 
-from tools.trials.avoidance import KINDS, Outcome
-from tools.trials.jobs import avoid, cover, stay
-
-CONTROLLERS = ("garbi", "omniscient", "none", "potential", "stop")
+from tools.trials.avoidance import Outcome, fly, save
+from tools.trials.few import FEW, few
+from tools.trials.jobs import avoid
+from tools.trials.table import CONTROLLERS, append, draw, read, table
 
 
 def main() -> int:
     """The command line."""
     parser = argparse.ArgumentParser(prog="python -m tools.trials", description=__doc__)
-    parser.add_argument("what", choices=["avoidance", "hold", "survey"])
+    parser.add_argument("what", choices=["avoidance", *FEW])
     parser.add_argument("--seeds", type=int, default=300, help="number of trials")
     parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--controllers", nargs="+", default=list(CONTROLLERS), choices=CONTROLLERS)
     parser.add_argument("--level", choices=["profiles", "images"], default="profiles")
     parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("-o", "--output", type=Path, help="results, JSON")
+    parser.add_argument("--log", type=int, help="fly this seed with the first controller and write trial_SEED.mcap")
+    parser.add_argument("-o", "--output", type=Path, help="folder of the results (hold, survey: JSON file)")
     arguments = parser.parse_args()
-    if arguments.what != "avoidance":
-        return _few(arguments.what, arguments.first, arguments.workers, arguments.output)
     seeds = range(arguments.first, arguments.first + arguments.seeds)
-    jobs = [(seed, controller, arguments.level) for controller in arguments.controllers for seed in seeds]
-    outcomes: list[Outcome] = []
-    with ProcessPoolExecutor(arguments.workers, get_context("spawn")) as pool:
-        for outcome in pool.map(avoid, jobs):
-            outcomes.append(outcome)
-            print(
-                f"{outcome.controller:10} {outcome.seed:4} {outcome.kind:9} "
-                f"{'COLLIDED' if outcome.collided else 'reached' if outcome.reached else 'not reached':12}"
-                f"{outcome.gap:6.2f} m {outcome.seconds:6.1f} s",
-                flush=True,
-            )
+    if arguments.what != "avoidance":
+        return few(arguments.what, seeds, arguments.workers, arguments.output)
+    folder = arguments.output or Path.cwd()
+    folder.mkdir(parents=True, exist_ok=True)
+    if arguments.log is not None:
+        flight = fly(arguments.log, arguments.controllers[0], arguments.level)
+        save(flight, folder / f"trial_{arguments.log}.mcap")
+        print(told(flight.outcome))
+        return 0
+    return _many(arguments, folder)
+
+
+def _many(arguments: argparse.Namespace, folder: Path) -> int:
+    """All that the folder does not hold yet."""
+    kept = folder / "avoidance.csv"
+    done = {(one.seed, one.controller) for one in read(kept)} if kept.exists() else set()
+    seeds = range(arguments.first, arguments.first + arguments.seeds)
+    jobs = [
+        (seed, controller, arguments.level)
+        for seed in seeds
+        for controller in arguments.controllers
+        if (seed, controller) not in done
+    ]
+    for outcome in _outcomes(jobs, arguments.workers):
+        append(kept, outcome)
+        print(told(outcome), flush=True)
+    outcomes = read(kept)
     print(table(outcomes))
-    if arguments.output:
-        arguments.output.write_text(json.dumps([one.as_dict() for one in outcomes], indent=0) + "\n")
+    (folder / "avoidance.md").write_text(table(outcomes) + "\n")
+    draw(outcomes, folder / "avoidance.svg")
     return 0
 
 
-def _few(what: str, seed: int, workers: int, output: Path | None) -> int:
-    """Station keeping on each object, or a survey: one line each."""
+def _outcomes(jobs: list[tuple[int, str, str]], workers: int) -> Iterator[Outcome]:
     with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
-        if what == "hold":
-            found = [one.as_dict() for one in pool.map(stay, [(thing, seed) for thing in ("wall", "pipe", "rock")])]
-        else:
-            found = [pool.submit(cover, seed).result().as_dict()]
-    for one in found:
-        print(
-            "  ".join(
-                f"{key} {value:.3g}" if isinstance(value, float) else f"{key} {value}" for key, value in one.items()
-            )
-        )
-    if output:
-        output.write_text(json.dumps(found, indent=1) + "\n")
-    return 0
+        yield from pool.map(avoid, jobs)
 
 
-def table(outcomes: list[Outcome]) -> str:
-    """Collisions that the omniscient controller avoids, and goals reached of those it reaches, by kind and controller."""
-    known = {one.seed: one for one in outcomes if one.controller == "omniscient"}
-    groups: dict[tuple[str, str], list[Outcome]] = defaultdict(list)
-    for one in outcomes:
-        groups[one.controller, one.kind].append(one)
-        groups[one.controller, "all"].append(one)
-    lines = ["controller  kind       trials  collided  avoidable  feasible  reached of feasible"]
-    for controller in CONTROLLERS:
-        for kind in (*KINDS, "all"):
-            group = groups.get((controller, kind))
-            if not group:
-                continue
-            collided = [one for one in group if one.collided]
-            avoidable = [one for one in collided if one.seed in known and not known[one.seed].collided]
-            feasible = [one for one in group if one.seed in known and known[one.seed].reached]
-            reached = sum(one.reached for one in feasible)
-            share = f"{reached} ({100 * reached / len(feasible):.0f} %)" if feasible else "-"
-            lines.append(
-                f"{controller:11} {kind:9} {len(group):7} {len(collided):9} {len(avoidable):10} {len(feasible):9}  {share}"
-            )
-    return "\n".join(lines)
+def told(one: Outcome) -> str:
+    """In one line."""
+    became = "COLLIDED" if one.collided else "reached" if one.reached else "not reached"
+    return f"{one.controller:10} {one.seed:4} {one.kind:9} {became:12}{one.gap:6.2f} m {one.seconds:6.1f} s"
 
 
 if __name__ == "__main__":

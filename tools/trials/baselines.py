@@ -15,6 +15,7 @@ from tools.simulator.seabed import mover_centre
 from tools.trials.world import World
 
 STOP_ZONE = 0.8  # m before the bow
+REFILL_NS = 450_000_000  # between two drawings of the truth: as often as it is planned
 FIELD = 1.2  # m, reach of the repulsion
 
 
@@ -26,6 +27,7 @@ class Omniscient(Pilot):
         self._world, self._dive = world, dive
         self._start = dive.vehicle.position.copy()
         self._points = world.points() - self._start
+        self._filled_ns = 0
 
     def decide(self, seen: Seen) -> Decision:
         """With everything known."""
@@ -34,14 +36,18 @@ class Omniscient(Pilot):
         rate = np.array(self._dive.motion.rows[-1, 11:14])
         pose = Pose(seen.now_ns, vehicle.position - self._start, rotation, rotation.T @ vehicle.velocity, rate)
         self.space.be_at(pose)
-        self._fill(seen.now_ns)
+        if seen.now_ns - self._filled_ns >= REFILL_NS:
+            self._fill(seen.now_ns)
+            self._filled_ns = seen.now_ns
         return super().decide(Seen(seen.now_ns, pose, [], []))
 
     def _fill(self, now_ns: int) -> None:
         space = self.space
-        now = space._ms(now_ns)
+        now = space.milliseconds(now_ns)
         space.layers[0][:] = now
+        space.layers[1][:] = now
         space.layers[3][:] = 0
+        space.layers[7][:] = now - 60_000
         space._proof = [(now_ns, 3.0)] * 5
         ground = np.floor((0.05 - self._start[2]) / space.voxel).astype(int)
         for k in range(int(space.low[2]), ground + 1):
@@ -67,16 +73,20 @@ class Omniscient(Pilot):
 class _Straight(Pilot):
     """Straight to the goal, whatever the space says; `_bend` makes the difference."""
 
+    name: str
+
     def decide(self, seen: Seen) -> Decision:
         """One command."""
-        decision = super().decide(seen)
-        goal = self.settings.travel.goal if self.settings.travel else None
-        if seen.pose is None or goal is None:
-            return decision
-        away = np.array(goal) - seen.pose.position
-        pull = away / max(float(np.linalg.norm(away)), 1e-9)
-        command = self._bend(seen.pose, pull)
-        return Decision(**{**decision.__dict__, "command": command})
+        command, goal = Command(), self.settings.travel.goal if self.settings.travel else None
+        for profile in seen.profiles:
+            self.space.see(profile)
+        if seen.pose is not None and goal is not None:
+            self.space.be_at(seen.pose)
+            away = np.array(goal) - seen.pose.position
+            command = self._bend(seen.pose, away / max(float(np.linalg.norm(away)), 1e-9))
+        return Decision(
+            seen.now_ns, seen.pose, [], command, self.name, self.name, command, [], False, seen.troubles, np.inf, ""
+        )
 
     def _bend(self, pose: Pose, pull: np.ndarray) -> Command:
         return _towards(pose, pull, 0.2)
@@ -85,9 +95,13 @@ class _Straight(Pilot):
 class NoAvoidance(_Straight):
     """Nothing is avoided."""
 
+    name = "none"
+
 
 class PotentialField(_Straight):
     """Attraction to the goal, repulsion from the occupied voxels that were seen (Khatib, 1986)."""
+
+    name = "potential"
 
     def _bend(self, pose: Pose, pull: np.ndarray) -> Command:
         near = self.space.nearby(pose, FIELD)
@@ -100,10 +114,13 @@ class PotentialField(_Straight):
 class StopZone(_Straight):
     """Stop while anything that was seen stands in a zone before the bow."""
 
+    name = "stop"
+
     def _bend(self, pose: Pose, pull: np.ndarray) -> Command:
-        corridor = self.space.corridor(pose, STOP_ZONE)
+        near = self.space.nearby(pose, STOP_ZONE)
+        blocked = bool((~near.unknown & (near.normal[:, 0] > 0.7) & (near.distance < STOP_ZONE)).any())
         command = _towards(pose, pull, 0.2)
-        return Command(0.0, command.heave, 0.0, 0.0) if corridor.end == "obstacle" else command
+        return Command(0.0, command.heave, 0.0, 0.0) if blocked else command
 
 
 def _towards(pose: Pose, pull: np.ndarray, speed: float) -> Command:

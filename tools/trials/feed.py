@@ -18,11 +18,12 @@ from tools.simulator.dive import FIRST_IMAGE, Dive
 from tools.simulator.sensors import START_NS
 from tools.simulator.vehicle import Command as Thrusters
 
+Level = Literal["profiles", "images", "blind"]
 SHORTEST = 0.02  # s of motion that holds a reading of every quick sensor
 
 
 class DiveFeed:
-    """See `behaviours.feed.Feed`. level: "profiles" are cast directly, "images" are rendered and searched.
+    """See `behaviours.feed.Feed`. level: "profiles" are cast directly, "images" are rendered and searched, "blind" has none.
 
     lost       share of images that never arrive
     silent     (from, to) s in which no image arrives
@@ -32,7 +33,7 @@ class DiveFeed:
         self,
         dive: Dive,
         settings: FeedSettings,
-        level: Literal["profiles", "images"] = "profiles",
+        level: Level = "profiles",
         lost: float = 0.0,
         silent: tuple[tuple[float, float], ...] = (),
         keep: Callable[[Image], None] | None = None,
@@ -70,7 +71,7 @@ class DiveFeed:
             number, self._next = self._next, self._next + 1
             moment = FIRST_IMAGE + number / camera.rate
             gone = self._rng.uniform() < self._lost or any(a <= moment < b for a, b in self._silent)
-            if gone:
+            if gone or self.level == "blind":
                 continue
             stripe = self._stripe(number)
             arrival = START_NS + round((moment + camera.latency) * 1e9)

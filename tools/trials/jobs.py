@@ -5,6 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from tools.trials.avoidance import Outcome, run
+from tools.trials.moving import Found
+from tools.trials.moving import run as moving
 from tools.trials.stabilisation import Held
 from tools.trials.stabilisation import run as hold
 from tools.trials.survey import Surveyed
@@ -16,11 +18,17 @@ def avoid(job: tuple[int, Any, Any]) -> Outcome:
     return run(*job)
 
 
-def stay(job: tuple[Any, int]) -> Held:
-    """(object, seed)"""
-    return hold(*job)
+def stay(job: tuple[int, Any, Any]) -> Held:
+    """(seed, object, way of the current)"""
+    seed, thing, way = job
+    return hold(thing, seed, way)
 
 
-def cover(seed: int) -> Surveyed:
-    """seed"""
-    return survey(seed)
+def cover(job: tuple[int, Any]) -> Surveyed:
+    """(seed, how)"""
+    return survey(*job)
+
+
+def find(job: tuple[int]) -> Found:
+    """(seed,)"""
+    return moving(*job)

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from behaviours.pilot import Pilot
-from behaviours.settings import BehaviourSettings, HoldSettings
+from behaviours.settings import BehaviourSettings, HoldSettings, SpaceSettings
 from behaviours.stabilisation import Stabilisation
 from garbi_map.log.records import Floats
 from tools.simulator import shapes
@@ -22,23 +22,34 @@ from tools.trials.scenario import open_water
 from tools.trials.world import Block, Rod, World
 
 Thing = Literal["wall", "pipe", "rock"]
+Way = Literal["along", "across"]
 EYE = np.array([0.45, 0.0, 0.0])
+CURRENT = 0.1  # m/s
 PERIOD, SETTLE, STEP_AT, END = 0.1, 20.0, 50.0, 75.0
 
 
 @dataclass(frozen=True)
 class Held:
-    """Errors after settling, rms: range mm, yaw and pitch deg where the object fixes them (NaN elsewhere); of the step:
-    seconds until the mean over a wave stays within 5 cm, overshoot mm; share of the time with a target."""
+    """What became of a trial.
+
+    range_mm, yaw_deg, pitch_deg  rms errors after settling, where the object fixes them (NaN elsewhere); across the current
+                                  while a target is held
+    settle_s, overshoot_mm        of the step: s until the mean over a wave stays within 5 cm, and by how much it passed
+    target                        share of the time after settling with a target; takes: how often an object was taken
+    drift                         share of the time in which it was said that the vehicle drifts abeam
+    """
 
     thing: str
     seed: int
+    current: str
     range_mm: float
     yaw_deg: float
     pitch_deg: float
     settle_s: float
     overshoot_mm: float
     target: float
+    takes: int
+    drift: float
 
     def as_dict(self) -> dict[str, object]:
         """Plain."""
@@ -61,37 +72,40 @@ class _Rock(World):
 def world_of(thing: Thing) -> World:
     """The object about 1.75 m before the rig."""
     if thing == "wall":
-        return World([Block((2.3, 0.0, 1.2), (0.1, 3.0, 1.6), 0.15)])
+        return World([Block((2.3, 0.0, 1.2), (0.1, 5.0, 1.6), 0.15)])
     if thing == "pipe":
-        return World([Rod((2.35, -3.0, 1.05), (2.35, 3.0, 1.15), 0.15, "pipe")])
+        return World([Rod((2.35, -5.0, 1.05), (2.35, 5.0, 1.15), 0.15, "pipe")])
     return _Rock()
 
 
-def run(thing: Thing, seed: int, current: float = 0.1) -> Held:
-    """Hold at 1.5 m; after 50 s at 2 m. Current along the view, waves of 5 cm and 4 s."""
+def run(thing: Thing, seed: int, way: Way = "along", end: float = END) -> Held:
+    """Hold at 1.5 m for `end` s; after 50 s at 2 m. Current of 0.1 m/s along or across the view, waves of 5 cm and 4 s."""
     world = world_of(thing)
     scenario = open_water(
         seed,
-        water={"current": (-current, 0.0)},
+        water={"current": (-CURRENT, 0.0) if way == "along" else (0.0, -CURRENT)},
         sway={"translation": 0.05 / np.sqrt(2), "rotation": 0.005, "period": 4.0},
     )
     dive = world.make(scenario)
     target: Literal["plane", "cylinder", "patch"] = {"wall": "plane", "pipe": "cylinder", "rock": "patch"}[thing]  # type: ignore[assignment]
-    settings = BehaviourSettings(travel=None, hold=HoldSettings(target=target))
+    # Across the current it drifts into water that a forward view never showed: the operator's word has to do.
+    word = SpaceSettings() if way == "along" else SpaceSettings(launch_clearance=5.0)
+    settings = BehaviourSettings(travel=None, hold=HoldSettings(target=target), space=word)
     feed = DiveFeed(dive, settings.feed)
     pilot = Pilot(settings, feed.rig, feed.mount)
     holding = next(one for one in pilot.behaviours if isinstance(one, Stabilisation))
-    rows = []
+    rows, drifts = [], []
     now = 0.0
-    while now < END:
+    while now < (end if way == "along" else STEP_AT):  # across it the vehicle would be past the wall's end
         now += PERIOD
         holding.wanted = 1.5 if now < STEP_AT else 2.0
         decision = pilot.decide(feed.until(START_NS + round(now * 1e9)))
         feed.step(decision.command, PERIOD)
         hold = decision.proposal("hold")
+        drifts.append(hold is not None and "drifting" in hold.reason)
         true = _truth(thing, world, dive)
         rows.append([now, *true, hold.facts.get("target", 0.0) if hold else 0.0])
-    return _judge(thing, seed, np.array(rows))
+    return _judge(thing, seed, way, np.array(rows), holding.target.takes, float(np.mean(drifts)))
 
 
 def _truth(thing: Thing, world: World, dive: Dive) -> tuple[float, float, float]:
@@ -125,21 +139,31 @@ def _truth(thing: Thing, world: World, dive: Dive) -> tuple[float, float, float]
     return float(np.linalg.norm(away)) - rod.radius, float(np.arctan2(towards[1], towards[0])), np.nan
 
 
-def _judge(thing: Thing, seed: int, rows: Floats) -> Held:
+def _judge(thing: Thing, seed: int, way: Way, rows: Floats, takes: int, drift: float) -> Held:
     time, distance, yaw, pitch, target = rows.T
-    steady = (time > SETTLE) & (time < STEP_AT)
+    steady = (time > SETTLE) & (time < STEP_AT) & ((target > 0.5) | (way == "along"))
     after = time >= STEP_AT
     waves = round(4.0 / PERIOD)  # the step is judged on the mean over a wave, which the range rms has in it
-    smooth = np.convolve(distance, np.ones(waves) / waves, "same")[after]
-    off = np.abs(smooth[: -waves // 2] - 2.0) > 0.05
-    settle = float(time[after][: -waves // 2][off][-1] - STEP_AT) if off.any() else 0.0
+    settle = overshoot = float("nan")
+    if after.sum() > waves:
+        smooth = np.convolve(distance, np.ones(waves) / waves, "same")[after][: -waves // 2]
+        off = np.abs(smooth - 2.0) > 0.05
+        settle = float(time[after][: -waves // 2][off][-1] - STEP_AT) if off.any() else 0.0
+        overshoot = 1e3 * float(max(smooth.max() - 2.0, 0.0))
     return Held(
         thing,
         seed,
-        1e3 * float(np.sqrt(np.mean((distance[steady] - 1.5) ** 2))),
-        float(np.degrees(np.sqrt(np.mean(yaw[steady] ** 2)))),
-        float(np.degrees(np.sqrt(np.mean(pitch[steady] ** 2)))),
+        way,
+        1e3 * _rms(distance[steady] - 1.5),
+        float(np.degrees(_rms(yaw[steady]))),
+        float(np.degrees(_rms(pitch[steady]))),
         settle,
-        1e3 * float(max(smooth[: -waves // 2].max() - 2.0, 0.0)),
+        overshoot,
         float(target[time > SETTLE].mean()),
+        takes,
+        drift,
     )
+
+
+def _rms(values: Floats) -> float:
+    return float(np.sqrt(np.mean(values**2))) if len(values) else float("nan")

@@ -13,6 +13,7 @@ from tools.simulator.dive import Dive
 from tools.simulator.scenario import Mover, Scenario
 from tools.simulator.seabed import Scene, mover_centre
 from tools.simulator.shapes import Mesh
+from tools.trials import kernels
 
 
 @dataclass(frozen=True)
@@ -64,12 +65,38 @@ class Rod:
         return points
 
 
+class PlainScene(Scene):
+    """A scene whose rays meet the shapes themselves, not their triangles: some ten times as fast."""
+
+    def __init__(self, ground: Scene, still: list[Block | Rod], movers: tuple[Mover, ...]) -> None:
+        """ground: a scene of nothing but its ground, a grid. Movers are spheres."""
+        super().__init__(ground.mesh, ground.texture, movers)
+        points = ground.mesh[0]
+        columns = int(np.argmax(points[:, 1] > points[0, 1]))
+        self._heights = np.ascontiguousarray(points[:, 2].reshape(-1, columns))
+        self._corner, self._cell = points[0, :2].copy(), float(points[1, 0] - points[0, 0])
+        blocks = [[*one.centre, *one.half, one.heading] for one in still if isinstance(one, Block)]
+        rods = [[*one.foot, *one.head, one.radius] for one in still if isinstance(one, Rod)]
+        self._blocks, self._rods = np.array(blocks).reshape(-1, 7), np.array(rods).reshape(-1, 7)
+
+    def cast(self, origin: Floats, direction: Floats, time: float) -> tuple[Floats, Floats]:
+        """See Scene."""
+        balls = np.array([[*mover_centre(one, time), one.size / 2] for one in self.movers]).reshape(-1, 4)
+        return kernels.cast(origin, direction, self._heights, self._corner, self._cell, self._blocks, self._rods, balls)
+
+
 @dataclass
 class World:
     """The obstacles of a trial besides the seabed."""
 
     still: list[Block | Rod] = field(default_factory=list)
     movers: tuple[Mover, ...] = ()
+
+    def make_plain(self, scenario: Scenario) -> Dive:
+        """A dive in this world for profiles only, see PlainScene."""
+        dive = Dive(scenario)
+        dive.scene = PlainScene(dive.scene, self.still, self.movers)
+        return dive
 
     def make(self, scenario: Scenario) -> Dive:
         """A dive in this world."""
