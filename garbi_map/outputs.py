@@ -69,6 +69,10 @@ OUTPUTS = {
 }
 
 
+_TORN = 1e-3
+"""m between overlapping sweeps, ten times what is usual, from which on the drift estimate counts as failed."""
+
+
 def write_outputs(out: Path, dive: Dive, store: SweepStore, built: Map, started: float, progress: Progress) -> None:
     """Write everything but cloud.laz, which the fusion has written; report.json and report.html come last."""
     from garbi_map.view import record_map
@@ -169,8 +173,16 @@ def _residuals(built: Map) -> list[Quantity]:
 
 
 def drift_notes(registered: Registered) -> list[str]:
-    """What the drift estimate found to be wrong with the sensors, one line each."""
-    return [str(offset) for offset in registered.clocks if offset.state == "applied"]
+    """What the drift estimate found to be wrong, with the sensors or with itself, one line each."""
+    clocks = [str(offset) for offset in registered.clocks if offset.notable]
+    _, apart = registered.agreement.median
+    if np.isnan(apart) or apart < _TORN:
+        return clocks
+    torn = f"sweeps that overlap still lie {1e3 * apart:.1f} mm apart: the vehicle's motion was not found, "
+    return [
+        *clocks,
+        torn + "and the map and its uncertainty are not to be relied on; a DVL or quicker sweeps would help",
+    ]
 
 
 def _clocks(built: Map) -> list[Quantity]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,9 +13,11 @@ from scipy.spatial.transform import Rotation
 from synthetic_navigation import BEGIN_NS
 
 from garbi_map.log.records import Encoder, Mount
+from garbi_map.outputs import drift_notes
+from garbi_map.register.agreement import Agreement
 from garbi_map.register.constants import Constant, Constants, Learnt, learnt
 from garbi_map.register.scanner import Scanner
-from garbi_map.register.timing import judged, restamped
+from garbi_map.register.timing import Offset, judged, restamped
 from garbi_map.sweep import LaserAngle, SweepSettings
 from garbi_map.sweep.retime import retimed
 from garbi_map.sweep.types import Sweep
@@ -181,3 +184,18 @@ def test_the_scanner_knows_how_a_latency_moves_its_points(port):
     found = scanner.changes(turn.apply(sweep.points) + at, sweep.point_stamp_ns)["encoder_latency"]
     assert np.abs(expected).max() > 0.1
     assert found == pytest.approx(expected, abs=0.02 * np.abs(expected).max())
+
+
+def test_only_what_matters_is_told_of_the_drift_estimate():
+    """A tenth of a millisecond is corrected in silence, twenty are named, and so are sweeps that do not come together."""
+
+    def told_of(latency: float, apart: float) -> list[str]:
+        pair = np.full(3, apart, np.float32)
+        agreement = Agreement(np.zeros((3, 2), np.float32), pair, pair, (0.0, 0.0))
+        clocks = [Offset("encoder_latency", latency, 1e-5, "applied")]
+        return drift_notes(SimpleNamespace(clocks=clocks, agreement=agreement))  # type: ignore[arg-type]
+
+    assert told_of(1e-4, 2e-4) == []
+    assert told_of(1e-4, float("nan")) == []
+    assert told_of(0.02, 2e-4)[0].startswith("the encoder's stamps are 20.00")
+    assert "3.0 mm apart" in told_of(1e-4, 3e-3)[0]

@@ -40,6 +40,11 @@ class Offset:
     sigma: float
     state: Literal["applied", "kept", "unseen"]
 
+    @property
+    def notable(self) -> bool:
+        """Whether it was corrected and is more than what any two devices differ by."""
+        return self.state == "applied" and abs(self.value) >= _WORTH
+
     def __str__(self) -> str:
         late = f"{1e3 * abs(self.value):.2f} ± {1e3 * self.sigma:.2f} ms {'late' if self.value > 0 else 'early'}"
         told = {
