@@ -57,16 +57,33 @@ def test_a_mirrored_target_is_named(kind):
 
 
 def test_a_mirrored_checkerboard_is_named_where_it_can_be():
-    """With two odd numbers of corners the colours tell; any other board looks the same in a mirror."""
+    """With two odd numbers of corners the colours tell, if the print is known; any other board looks the same."""
     odd = target_of("kind: checkerboard\ninner_corners: [9, 7]\nsquare: 0.05")
     booth = Booth(make_rig(), odd, Look(margin=0.02, samples=2))
     placed = booth.placed(Rotation.from_rotvec([0.2, -0.3, 0.1]), np.array([-0.2, -0.15, 0.95]))
     image = booth.image(placed, None, np.random.default_rng(1))
-    assert detect(image, odd, "view") is not None
+    flipped = np.ascontiguousarray(image[:, ::-1])
+    known = odd.model_copy(update={"corner_is_black": True})
+    assert detect(image, known, "view") is not None
     with pytest.raises(GarbiError, match="mirrored"):
-        detect(np.ascontiguousarray(image[:, ::-1]), odd, "view")
+        detect(flipped, known, "view")
+    assert detect(flipped, odd, "view") is not None  # as legitimate as its twin with white corners
     image, _, even = seen("checkerboard")
     assert detect(np.ascontiguousarray(image[:, ::-1]), even, "view") is not None
+
+
+def test_real_boards_with_either_colour_in_the_corner_are_found(shared: Path):
+    """A board of 9 by 7 corners whose first square is white, described either way, and one of 7 by 6."""
+    import cv2
+
+    for folder, pattern, corners in (
+        ("b33boy/chessboard", "*", ("[9, 7]", "[7, 9]")),
+        ("etna/calib3", "*.png", ("[7, 6]",)),
+    ):
+        image = cv2.imread(str(min((shared / "data" / folder).glob(pattern))), cv2.IMREAD_GRAYSCALE)
+        for size in corners:
+            board = target_of(f"kind: checkerboard\ninner_corners: {size}\nsquare: 0.02")
+            assert detect(image, board, folder) is not None
 
 
 def test_blur_is_measured():

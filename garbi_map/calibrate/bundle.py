@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from garbi_map.calibrate.least_squares import covariance_of, minimise
 from garbi_map.calibrate.scanner import Scanner
 from garbi_map.log.records import Floats
+from garbi_map.rig import Camera
 
 UNSEEN = 1e3  # px: the residual of what cannot be projected
 OUTLIER = 4.0  # sigma
@@ -121,6 +122,7 @@ class Bundle:
     stripes: StripePoints | None = None
     priors: Sequence[Prior] = ()
     sigma: list[float] = field(default_factory=lambda: [0.2, 0.2])  # px, of corners and stripes, to begin with
+    _seen: tuple[Camera, Floats, Floats] | None = field(default=None, init=False, repr=False)
 
     def fit(self) -> Adjusted:
         """Robust first, then without the outliers, with the noise as the residuals show it."""
@@ -166,7 +168,7 @@ class Bundle:
         """
         count = len(self.free)
         own = covariance[:count, :count]
-        if not count or not np.isfinite(own).all():
+        if not count or not np.isfinite(covariance).all():
             return np.zeros((count, count))
         scale = np.sqrt(np.diag(own))
         values, vectors = np.linalg.eigh(own / scale[:, None] / scale)
@@ -194,7 +196,13 @@ class Bundle:
         second order, as long as both are differentiated."""
         stripe = np.empty(0)
         if self.stripes is not None:
-            stripe = stripe_offsets(scanner, poses, self.stripes) / stripe_scale(scanner, poses, self.stripes)
+            assert scanner.laser is not None
+            if self._seen is None or self._seen[0] != scanner.camera:  # most steps move the laser or the poses only
+                self._seen = scanner.camera, *_sights(scanner.camera, self.stripes)
+            points = _on_faces(scanner.camera, poses, self.stripes, *self._seen[1:])
+            alpha = self.stripes.alpha + scanner.latency * self.stripes.rate
+            middle, behind, ahead = scanner.laser.off_sheet(points, np.tile(alpha, 3)).reshape(3, -1)
+            stripe = middle / (ahead - behind)
         return corner_residuals(scanner, poses, self.corners), np.nan_to_num(stripe, nan=UNSEEN)
 
     def _problem(self, good: tuple[NDArray, NDArray]):  # type: ignore[no-untyped-def]
@@ -294,31 +302,32 @@ def step_sizes(names: Sequence[str]) -> list[float]:
 
 def corner_residuals(scanner: Scanner, poses: Poses, corners: Corners) -> Floats:
     """Seen minus expected (n, 2), px."""
-    points = poses.rotation[corners.view].apply(corners.point) + poses.translation[corners.view]
+    turn = poses.rotation.as_matrix()[corners.view]
+    points = np.einsum("nij,nj->ni", turn, corners.point) + poses.translation[corners.view]
     return np.nan_to_num(corners.pixel - scanner.camera.project(points), nan=UNSEEN)
 
 
-def stripe_in_rig(scanner: Scanner, poses: Poses, stripes: StripePoints, shift: float = 0.0) -> Floats:
-    """Points (n, 3) m, rig frame, where the rays of the stripe's pixels, shifted by columns, meet the target."""
+def stripe_in_rig(scanner: Scanner, poses: Poses, stripes: StripePoints) -> Floats:
+    """Points (n, 3) m, rig frame, where the rays of the stripe's pixels meet the target."""
     camera = scanner.camera
-    rotation = poses.rotation[stripes.view]
-    origin, direction = camera.rays(stripes.u + shift, stripes.v)
-    normal = rotation.apply(stripes.normal)
-    place = rotation.apply(stripes.origin) + poses.translation[stripes.view]
-    reach = np.einsum("ij,ij->i", normal, place - origin) / np.einsum("ij,ij->i", normal, direction)
-    return (origin + reach[:, None] * direction) @ camera.rotation.T + camera.centre
+    return _on_faces(camera, poses, stripes, *camera.rays(stripes.u, stripes.v))
 
 
-def stripe_offsets(scanner: Scanner, poses: Poses, stripes: StripePoints, shift: float = 0.0) -> Floats:
-    """Sine (n,) of the angle by which the seen stripe misses the sheet."""
-    assert scanner.laser is not None
-    points = stripe_in_rig(scanner, poses, stripes, shift)
-    return scanner.laser.off_sheet(points, stripes.alpha + scanner.latency * stripes.rate)
+def _on_faces(camera: Camera, poses: Poses, stripes: StripePoints, origin: Floats, direction: Floats) -> Floats:
+    """Points (..., n, 3) m, rig frame, where rays (..., n, 3) meet the faces that the stripe's n points lie on."""
+    normal = np.einsum("nij,nj->ni", poses.rotation.as_matrix()[stripes.view], stripes.normal)
+    shift = np.einsum("ni,ni->n", stripes.normal, stripes.origin)
+    shift += np.einsum("ni,ni->n", normal, poses.translation[stripes.view])
+    before = shift - np.einsum("ni,...ni->...n", normal, origin)
+    reach = before / np.einsum("ni,...ni->...n", normal, direction)
+    return np.asarray((origin + reach[..., None] * direction) @ camera.rotation.T + camera.centre)
 
 
-def stripe_scale(scanner: Scanner, poses: Poses, stripes: StripePoints) -> Floats:
-    """That sine per column (n,)."""
-    return stripe_offsets(scanner, poses, stripes, 0.5) - stripe_offsets(scanner, poses, stripes, -0.5)
+def _sights(camera: Camera, stripes: StripePoints) -> tuple[Floats, Floats]:
+    """Origins and directions (3, n, 3) of the rays of the stripe's pixels and of half a column on either side."""
+    u = stripes.u + np.array([[0.0], [-0.5], [0.5]])
+    origin, direction = camera.rays(u.ravel(), np.tile(stripes.v, 3))
+    return origin.reshape(3, -1, 3), direction.reshape(3, -1, 3)
 
 
 def diagonal_prior(sigmas: Mapping[str, tuple[float, float]]) -> Prior:

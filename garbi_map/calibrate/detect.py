@@ -11,7 +11,7 @@ from garbi_map.calibrate.views import View
 from garbi_map.errors import GarbiError
 from garbi_map.log.records import Floats
 
-MIRRORED = "the target is seen mirrored (the squares in its corners are white): are the images flipped?"
+MIRRORED = "the target is seen mirrored (its upper left square is white): are the images flipped?"
 SMALLEST_WINDOW, LARGEST_WINDOW = 2, 11  # px, half the side of what a corner is refined in
 
 
@@ -62,7 +62,7 @@ def _checkerboard(grey: NDArray[np.uint8], target: Checkerboard) -> tuple[NDArra
         if done:
             pixel = refined(grey, np.asarray(corners, float).reshape(-1, 2), 0.35)
             if _alternates(grey, pixel, size):
-                return np.arange(len(pixel)), _in_printed_order(grey, pixel, size)
+                return np.arange(len(pixel)), _in_printed_order(grey, pixel, target)
     return None
 
 
@@ -78,22 +78,24 @@ def _alternates(grey: NDArray[np.uint8], pixel: Floats, size: tuple[int, int]) -
     return bool(max(np.where(even, one, other).mean(), np.where(even, other, one).mean()) > 0.97)
 
 
-def _in_printed_order(grey: NDArray[np.uint8], pixel: Floats, size: tuple[int, int]) -> Floats:
+def _in_printed_order(grey: NDArray[np.uint8], pixel: Floats, target: Checkerboard) -> Floats:
     """x to y is clockwise in an image that is not mirrored, and the first corner has a black square to its upper left,
     unless the board looks the same after half a turn.
 
-    Raises GarbiError for a mirrored board, which only one with two odd numbers of corners can show: all others look the
-    same in a mirror."""
-    grid = pixel.reshape(size[1], size[0], 2)
+    Raises GarbiError for a mirrored board where the target says how it is printed: with two different odd numbers of
+    corners a mirror swaps black and white, but so does naming rows before columns; all other boards look the same in
+    a mirror."""
+    columns, rows = target.inner_corners
+    grid = pixel.reshape(rows, columns, 2)
     along, down = grid[0, -1] - grid[0, 0], grid[-1, 0] - grid[0, 0]
     if along[0] * down[1] - along[1] * down[0] < 0:
         grid = grid[:, ::-1]
     cells = _sampled(grey.astype(float), (grid[:-1, :-1] + grid[1:, 1:]) / 2)
-    even = np.add.outer(np.arange(size[1] - 1), np.arange(size[0] - 1)) % 2 == 0
+    even = np.add.outer(np.arange(rows - 1), np.arange(columns - 1)) % 2 == 0
     if cells[even].mean() > cells[~even].mean():
-        if sum(size) % 2:
+        if (columns + rows) % 2:
             grid = grid[::-1, ::-1]
-        elif size[0] % 2:
+        elif target.corner_is_black and columns % 2 and columns != rows:
             raise GarbiError(MIRRORED)
     return grid.reshape(-1, 2)
 

@@ -13,6 +13,7 @@ from garbi_map.log.records import Floats
 HUBER = 1.5  # sigma, beyond which a residual counts linearly
 STEPS = 60
 SETTLED = 1e-9  # of the cost
+ROUGHLY = 1e-4  # of the robust cost, which only tells outliers from the rest
 
 
 def minimise(
@@ -54,7 +55,7 @@ def minimise(
         gain = cost - cost_new
         x, residual, cost = x + step, residual_new, cost_new
         damping = max(0.1 * damping, 1e-12)
-        if gain <= SETTLED * cost:
+        if gain <= (ROUGHLY if robust else SETTLED) * cost:
             break
     return x
 

@@ -105,6 +105,11 @@ class Checkerboard(_Target):
     kind: Literal["checkerboard"]
     inner_corners: tuple[Annotated[int, Field(ge=3, le=100)], Annotated[int, Field(ge=3, le=100)]]  # columns, rows
     square: Length  # m
+    corner_is_black: bool = Field(
+        default=False,
+        description="the square in the upper left corner is known to be black, as `garbi calibrate target` prints it: "
+        "mirrored images of a board with two different odd numbers of corners are then refused",
+    )
 
     @cached_property
     def points(self) -> Floats:

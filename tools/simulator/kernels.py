@@ -170,3 +170,32 @@ def expose(
                 at += 1
                 out[row, column, channel] = np.uint8(min(max(value, np.float32(0.0)), np.float32(255.0)))
     return out
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def see_face(  # type: ignore[no-untyped-def]
+    origin, direction, place, axes, size, margin, texture, scale, levels, reach, reflect
+) -> None:
+    """What rays meet of a flat face, where nothing nearer was met: changes reach (n,) m and reflect (n,).
+
+    origin, direction (n, 3); place (3,) of the face's corner, axes (3, 3) its x, y and normal, size (2,) m and its
+    blank margin, m; texture (h, w), true where black, of `scale` pixels per metre; levels: of paper and of ink."""
+    for i in range(len(reach)):
+        ahead = before = 0.0
+        for k in range(3):
+            before += (place[k] - origin[i, k]) * axes[2, k]
+            ahead += direction[i, k] * axes[2, k]
+        to = before / ahead
+        if not 0.0 < to < reach[i]:
+            continue
+        x = y = 0.0
+        for k in range(3):
+            there = origin[i, k] + to * direction[i, k] - place[k]
+            x += there * axes[0, k]
+            y += there * axes[1, k]
+        if not (-margin < x < size[0] + margin and -margin < y < size[1] + margin):
+            continue
+        reach[i] = to
+        column, row = math.floor(x * scale), math.floor(y * scale)
+        printed = 0 <= column < texture.shape[1] and 0 <= row < texture.shape[0]
+        reflect[i] = levels[1] if printed and texture[row, column] else levels[0]

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from garbi_map.calibrate.targets import AnyTarget
 from garbi_map.log.records import Floats
 from garbi_map.rig import Rig
+from tools.simulator import kernels
 
 PIXELS = 6000  # of a printed face's longer side
 DARK = 6.0  # sheet's sigmas, beyond which it gives no light that a grey level could show
@@ -73,19 +74,21 @@ class Booth:
         count = len(self._origin)
         reach, reflect = np.full(count, np.inf), np.full(count, look.wall)
         for face, (texture, scale) in zip(self.target.faces, self._printed, strict=True):
-            place, normal = rotation.apply(face.origin) + translation, rotation.apply(face.normal)
-            to = ((place - self._origin) @ normal) / (self._direction @ normal)
-            there = self._origin + to[:, None] * self._direction - place
-            x, y = there @ rotation.apply(face.u), there @ rotation.apply(face.v)
-            near = (to > 0) & (to < reach)
-            near &= (x > -look.margin) & (x < face.size[0] + look.margin)
-            near &= (y > -look.margin) & (y < face.size[1] + look.margin)
-            reach[near] = to[near]
-            column, row = np.floor(x[near] * scale).astype(int), np.floor(y[near] * scale).astype(int)
-            printed = (column >= 0) & (row >= 0) & (row < texture.shape[0]) & (column < texture.shape[1])
-            value = np.full(len(column), look.paper)
-            value[printed] = np.where(texture[row[printed], column[printed]], look.ink, look.paper)
-            reflect[near] = value
+            place, axes = rotation.apply(face.origin) + translation, rotation.apply([face.u, face.v, face.normal])
+            levels = (look.paper, look.ink)
+            kernels.see_face(
+                self._origin,
+                self._direction,
+                place,
+                axes,
+                face.size,
+                look.margin,
+                texture,
+                scale,
+                levels,
+                reach,
+                reflect,
+            )
         reach[np.isinf(reach)] = np.nan
         points = (self._origin + reach[:, None] * self._direction) @ camera.rotation.T + camera.centre
         samples = reflect.reshape(-1, look.samples**2)
