@@ -335,6 +335,8 @@ def ahead(
     rotation: Floats,
     half: Floats,
     slide: float,
+    carried: float,
+    fade: float,
     reach: float,
     voxel: float,
     low: NDArray[np.int64],
@@ -345,8 +347,8 @@ def ahead(
     layers: tuple,
 ) -> tuple[float, float, int]:
     """The corridor in front of the bow: free length m, age ms of its view (80th percentile over the cross-section of the
-    newest look along each line), and what ends it (FREE where nothing does within reach). It leads `slide` m aside for each
-    metre ahead, as the vehicle does."""
+    newest look along each line), and what ends it (FREE where nothing does within reach). It leads aside as the vehicle
+    does: at first by `slide`, farther on by `carried` m for each metre ahead, the difference fading within `fade` m."""
     free_ms, _, _, hits, _, _, _, _ = layers
     ny, nz = max(int(2 * half[1] / voxel), 1), max(int(2 * half[2] / voxel), 1)
     ages = np.empty(ny * nz)
@@ -357,7 +359,8 @@ def ahead(
             newest = NEVER
             x = half[0] + 0.5 * voxel
             while x < half[0] + reach:
-                w = y + slide * (x - half[0])
+                gone = x - half[0]
+                w = y + carried * gone + (slide - carried) * fade * (1.0 - math.exp(-gone / fade))
                 px = position[0] + rotation[0, 0] * x + rotation[0, 1] * w + rotation[0, 2] * z
                 py = position[1] + rotation[1, 0] * x + rotation[1, 1] * w + rotation[1, 2] * z
                 pz = position[2] + rotation[2, 0] * x + rotation[2, 1] * w + rotation[2, 2] * z

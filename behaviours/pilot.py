@@ -10,6 +10,7 @@ import numpy as np
 from behaviours.avoidance import Avoidance
 from behaviours.coordinator import coordinate
 from behaviours.decisions import Decision
+from behaviours.drift import Drift
 from behaviours.feed import Seen
 from behaviours.moving import Mover, Movers
 from behaviours.safety import SafetyFilter
@@ -45,6 +46,7 @@ class Pilot:
         self.settings = settings
         self.space = Space(rig, mount, settings.vehicle, settings.space, settings.feed, settings.water)
         self.movers = Movers()
+        self.drift = Drift(settings.vehicle.skid, settings.vehicle.sway_time)
         self.sees_ahead = sees_ahead(rig, self.space, np.array(settings.vehicle.hull) / 2)
         self.safety = SafetyFilter(settings.vehicle, settings.safety, self.sees_ahead, settings.prior)
         self.behaviours: list[Behaviour] = []
@@ -71,6 +73,7 @@ class Pilot:
             surprising = self.space.see(profile)
             self.movers.see(profile, surprising)
         self.space.be_at(seen.pose)
+        self.drift.see(seen.pose)
         self.space.assume_free(self.settings.prior.free_above if self.settings.prior and not self.sees_ahead else None)
         situation = self._situation(seen, seen.pose)
         proposals = [behaviour.propose(situation) for behaviour in self.behaviours]
@@ -116,9 +119,10 @@ class Pilot:
             seen.profiles,
             self.space,
             self.space.nearby(pose, self.settings.safety.horizon),
-            self.space.corridor(pose, LOOK),
+            self.space.corridor(pose, LOOK, self.drift.current),
             self.movers.now(),
             troubles,
+            self.drift.current,
         )
 
     def _obstacle(self, seen: Seen) -> float:

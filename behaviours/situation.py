@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from behaviours.moving import Mover
 from behaviours.space import Corridor, Nearby, Space
 from behaviours.types import Pose, Profile
+from garbi_map.log.records import Floats
 
 
 @dataclass(frozen=True)
 class Situation:
-    """One moment. profiles: those that became known since the last one; troubles: of the input, in words."""
+    """One moment. profiles: those that became known since the last one; troubles: of the input, in words; current: (2,)
+    m/s, odom, as far as it is known."""
 
     now_ns: int
     pose: Pose
@@ -23,6 +25,7 @@ class Situation:
     corridor: Corridor
     movers: list[Mover]
     troubles: list[str]
+    current: Floats = field(default_factory=lambda: np.zeros(2))
 
     def clearer_side(self, before: float) -> float:
         """+1 to port, -1 to starboard: where more water ahead is known to be free; the side before unless clearly less."""

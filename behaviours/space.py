@@ -16,6 +16,7 @@ from garbi_map.log.records import Floats, Mount
 from garbi_map.rig import Rig
 
 EVERY = 2  # profiles of which one carves: neighbours prove the same
+SLOWEST = 0.1  # m/s, surge at least, by which it is told how far the water carries the hull on its way
 DOT = 2  # hits that a dot of a profile counts: one may be a flake of snow, two in the same place are something
 
 
@@ -49,6 +50,7 @@ class Space:
     ) -> None:
         self.settings, self.water, self._rig, self._mount = settings, water, rig, mount
         self.half = np.array(vehicle.hull) / 2
+        self._sway_time, self._skid = vehicle.sway_time, vehicle.skid
         self.voxel = settings.voxel
         width, height = settings.reach
         self.shape = np.array([2 * round(width / self.voxel)] * 2 + [2 * round(height / self.voxel)], np.int64)
@@ -220,11 +222,16 @@ class Space:
         found = [self.low + np.mod(np.argwhere(layer) - self.low, self.shape) for layer in (occupied, free)]
         return (found[0] + 0.5) * self.voxel, (found[1] + 0.5) * self.voxel
 
-    def corridor(self, pose: Pose, reach: float) -> Corridor:
-        """What lies before the bow, on the way that the vehicle makes over ground."""
-        slide = float(np.clip(pose.velocity[1] / max(pose.velocity[0], 0.1), -1.0, 1.0))
+    def corridor(self, pose: Pose, reach: float, current: Floats) -> Corridor:
+        """What lies before the bow, on the way that the vehicle makes over ground: what a wave adds to its sway fades,
+        the current (2,) m/s, odom, and the skid of a turn go on."""
+        surge = max(float(pose.velocity[0]), SLOWEST)
+        abeam = np.array([-np.sin(pose.heading), np.cos(pose.heading)]) @ current
+        skid = -self._skid * self._sway_time * float(pose.velocity[0] * pose.rate[2])
+        slide, carried = np.clip(np.array([pose.velocity[1], abeam + skid]) / surge, -1.0, 1.0)
         length, age, end = kernels.ahead(
-            pose.position, np.ascontiguousarray(pose.rotation), self.half, slide, reach, self.voxel, self.low, self.shape,
+            pose.position, np.ascontiguousarray(pose.rotation), self.half, float(slide), float(carried),
+            surge * self._sway_time, reach, self.voxel, self.low, self.shape,
             self.settings.hits, self.assumed_free_above, self.milliseconds(pose.stamp_ns), self.layers,
         )  # fmt: skip
         names = {kernels.FREE: "nothing", kernels.OCCUPIED: "obstacle", kernels.UNKNOWN: "unseen"}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from behaviours.drift import Drift
 from behaviours.plan import Plan, Planner
 from behaviours.settings import TravelSettings, Vehicle
 from behaviours.situation import Situation
@@ -18,7 +17,6 @@ class Travel:
 
     def __init__(self, settings: TravelSettings, vehicle: Vehicle) -> None:
         self.settings, self.vehicle = settings, vehicle
-        self.drift = Drift(vehicle.skid, vehicle.sway_time)
         self._planner = Planner(vehicle, settings)
         self._plan: Plan | None = None
         self._planned_ns = 0
@@ -28,7 +26,6 @@ class Travel:
     def propose(self, situation: Situation) -> Proposal:
         """The proposal of this moment."""
         pose, settings = situation.pose, self.settings
-        self.drift.see(pose)
         if self._height is None:
             self._height = float(pose.position[2])
         if self.goal is None:
@@ -39,7 +36,7 @@ class Travel:
             return self._say(Command(), f"goal reached, {left:.2f} m from it")
         if self._plan is None or abs(situation.now_ns - self._planned_ns) >= settings.replan * 1e9:
             movers = situation.movers
-            self._plan = self._planner.plan(situation.space, pose, goal, self.drift.current, movers)
+            self._plan = self._planner.plan(situation.space, pose, goal, situation.current, movers)
             self._planned_ns = situation.now_ns
         if self._plan is None:
             look = Command(yaw=0.25 * situation.clearer_side(1.0))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -39,7 +41,7 @@ def test_a_wall_is_occupied_and_what_is_before_it_free() -> None:
     assert volume.state(np.array([[2.65, 0.1, 0.0]]))[0] == kernels.OCCUPIED
     assert volume.state(FAR_AHEAD)[0] == kernels.FREE
     assert volume.state(np.array([[3.2, 0.1, 0.0]]))[0] == kernels.UNKNOWN
-    seen = volume.corridor(pose(3.0), 3.0)
+    seen = volume.corridor(pose(3.0), 3.0, np.zeros(2))
     assert seen.end in ("obstacle", "unseen") and seen.length < 2.1
 
 
@@ -123,3 +125,15 @@ def test_nearest_agrees_with_plain_geometry() -> None:
     nearby = volume.nearby(pose(3.0), 1.8)
     ahead = nearby.distance[~nearby.unknown & (nearby.normal[:, 0] > 0.95)]
     assert ahead.min() == pytest.approx(2.05 - 0.65 - 0.05, abs=0.06)
+
+
+def test_a_wave_abeam_does_not_make_the_way_ahead_old_but_a_current_does() -> None:
+    """What a wave pushes the vehicle aside it takes back: the way ahead stays the one in view. A current carries it on."""
+    volume = space()
+    volume.be_at(pose(0.0))
+    sweep(volume, wall(2.65), 6.0, 0)
+    at = replace(pose(9.0), velocity=np.array([0.0, 0.12, 0.0]))
+    fresh = volume.corridor(replace(at, velocity=np.zeros(3)), 3.0, np.zeros(2))
+    wave, current = (volume.corridor(at, 3.0, np.array([0.0, speed])) for speed in (0.0, 0.12))
+    assert wave.age < fresh.age + 0.5 and wave.length > 0.8 * fresh.length
+    assert current.age > 5.0

@@ -103,7 +103,7 @@ def test_the_barrier_is_what_keeps_it_off_the_wall(monkeypatch: pytest.MonkeyPat
     wall = World([Block((1.6, 0.0, 1.2), (0.1, 3.0, 1.6))])
     monkeypatch.setattr(Avoidance, "propose", lambda self, situation: Proposal("avoidance", 0.0, Command(), "off"))
     assert fly(wall, 8.0)[0] > 0.1
-    monkeypatch.setattr(SafetyFilter, "filter", lambda self, wanted, *_: Filtered(wanted, [], False))
+    monkeypatch.setattr(SafetyFilter, "filter", lambda self, wanted, *_: Filtered(wanted, [], False, np.empty((0, 5))))
     assert fly(wall, 8.0)[0] <= 0.0
 
 

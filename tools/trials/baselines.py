@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from behaviours.decisions import Decision
@@ -65,9 +67,7 @@ class Omniscient(Pilot):
             )
             for number, one in enumerate(self._world.movers)
         ]
-        return Situation(
-            situation.now_ns, pose, [], self.space, situation.nearby, situation.corridor, movers, situation.troubles
-        )
+        return replace(situation, profiles=[], movers=movers)
 
 
 class _Straight(Pilot):
