@@ -165,8 +165,9 @@ class Height:
         residual, arm = self._residual(motion, t)
         unit = np.broadcast_to(_AXES[2], arm.shape)
         rows = motion.rows(t).position(unit).rotation(np.cross(arm, unit))
-        swing = motion.rotation(t).apply(np.cross(motion.rate(t), self.lever))
-        rows.constant("pressure_clock", -(motion.position(t, 1) + swing)[:, 2])
+        if "pressure_clock" in motion.constants:
+            swing = motion.rotation(t).apply(np.cross(motion.rate(t), self.lever))
+            rows.constant("pressure_clock", -(motion.position(t, 1) + swing)[:, 2])
         problem.add(residual, self.sigma, rows.runs, 3.0, rows.tail)
 
     def reestimate(self, motion: Motion) -> None:
@@ -192,13 +193,16 @@ class BottomTrack:
         """R' p' + w x l (n, 3)."""
         return motion.rotation(t).inv().apply(motion.position(t, 1)) + np.cross(motion.rate(t), self.lever)
 
-    def _residual(self, motion: Motion, t: Floats) -> Floats:
-        return self.velocity - (1.0 + motion.constants.number("dvl_scale")) * self._predicted(motion, t)
+    def _residual(self, motion: Motion, predicted: Floats) -> Floats:
+        return self.velocity - (1.0 + motion.constants.number("dvl_scale")) * predicted
 
     def add(self, problem: NormalEquations, motion: Motion) -> None:
         t = self.time - motion.constants.number("dvl_clock")
-        residual, predicted = self._residual(motion, t), self._predicted(motion, t)
-        change = (self._predicted(motion, t + _MOMENT) - self._predicted(motion, t - _MOMENT)) / (2.0 * _MOMENT)
+        predicted = self._predicted(motion, t)
+        residual = self._residual(motion, predicted)
+        change = np.zeros_like(predicted)
+        if "dvl_clock" in motion.constants:
+            change = (self._predicted(motion, t + _MOMENT) - self._predicted(motion, t - _MOMENT)) / (2.0 * _MOMENT)
         matrix, velocity = motion.rotation(t).as_matrix(), motion.position(t, 1)
         gain = 1.0 + motion.constants.number("dvl_scale")
         for axis in range(3):
@@ -211,7 +215,7 @@ class BottomTrack:
 
     def reestimate(self, motion: Motion) -> None:
         t = self.time - motion.constants.number("dvl_clock")
-        self.sigma = _spread(self._residual(motion, t), 0.002, 0.3)
+        self.sigma = _spread(self._residual(motion, self._predicted(motion, t)), 0.002, 0.3)
 
 
 class Position:

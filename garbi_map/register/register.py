@@ -123,10 +123,10 @@ def _synchronised(
     """Neighbours in time, again where they show that clocks differ, with what was recorded set right."""
     applied = {ENCODER: store.latency} if store.latency else {}
     clocks: list[Offset] = []
+    stamps = store.stamps()
+    span = (0.0, float((stamps[-1] - stamps[0]) * 1e-9))
     for attempt in range(_ATTEMPTS):
         progress("clocks" if attempt == 0 else "clocks, corrected")
-        stamps = store.stamps()
-        span = (0.0, float((stamps[-1] - stamps[0]) * 1e-9))
         right = restamped(log, clocks)
         if attempt > 0:
             navigated = run_navigation(right, navigate, stamps)
