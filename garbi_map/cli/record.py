@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -69,8 +71,8 @@ def record(
     with Screen() as screen:
         text = None if mounted is None else mounted.to_yaml()
         recorder = Recorder(Inputs(frames, ports), target, settings, screen.say, text, others)
-        _stop_on_signals(recorder)
-        done = recorder.run(seconds, screen.show)
+        with _stopped_by_signals(recorder):
+            done = recorder.run(seconds, screen.show)
     for file in done.files:
         typer.echo(f"{file}: recorded")
     typer.echo(", ".join(f"{count} of {name}" for name, count in done.counts.items()))
@@ -100,7 +102,8 @@ def _size(text: str | None) -> tuple[int, int] | None:
     return int(width), int(height)
 
 
-def _stop_on_signals(recorder: Recorder) -> None:
+@contextmanager
+def _stopped_by_signals(recorder: Recorder) -> Iterator[None]:
     """The first signal ends the recording cleanly, the second one at once."""
     import signal
 
@@ -108,5 +111,10 @@ def _stop_on_signals(recorder: Recorder) -> None:
         recorder.stop()
         signal.signal(number, signal.SIG_DFL)
 
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, stop)
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = [signal.signal(number, stop) for number in numbers]
+    try:
+        yield
+    finally:
+        for number, handler in zip(numbers, before, strict=True):
+            signal.signal(number, handler)

@@ -39,6 +39,7 @@ class Source(threading.Thread):
         self.source, self.settings, self.clock, self.sink, self.faults = name, settings, clock, sink, faults
         self.stopping = threading.Event()
         self.how = "not yet seen"  # the stamps come about, in words
+        self._last_ns: dict[str, int] = {}
 
     def run(self) -> None:
         """Until `stopping` is set or a file is at its end."""
@@ -56,6 +57,11 @@ class Source(threading.Thread):
             wait = min(2 * wait, longest)
         if not self.stopping.is_set():
             self.sink.ended(self.source)
+
+    def after(self, name: str, stamp_ns: int) -> int:
+        """The stamp, or the moment behind the one before: a better guess of the delays must not swap two measurements."""
+        stamp_ns = self._last_ns[name] = max(stamp_ns, self._last_ns.get(name, 0) + 1)
+        return stamp_ns
 
     @property
     def called(self) -> str:
@@ -100,7 +106,7 @@ class Camera(Source):
                 arrival_ns = self.clock.now()
                 if frame is None:
                     return
-                self._give(frame, arrival_ns, self._stamp(frame, arrival_ns, period))
+                self._give(frame, arrival_ns, self.after("camera", self._stamp(frame, arrival_ns, period)))
         finally:
             self._frames.close()
 
@@ -219,7 +225,7 @@ class Lines(Source):
         for reading in readings:
             if reading.kind in self.kinds:
                 stamp_ns = self._stamp(reading, arrival_ns - wire_ns) - self._latency_ns[reading.kind]
-                self.sink.reading(reading.kind, stamp_ns, arrival_ns, reading.values)
+                self.sink.reading(reading.kind, self.after(reading.kind, stamp_ns), arrival_ns, reading.values)
             else:
                 self.faults.tell(self.source, f"it sends {reading.kind} too, which is not asked for and left out")
 
