@@ -60,6 +60,7 @@ class LogWriter:
         self._channels: dict[str, tuple[str, int]] = {}
         self._schemas: dict[str, int] = {}
         self._sequence: dict[int, int] = {}
+        self._flushed = 0
         with self._refusals():
             self._file = open_file(self._aside)
         self._writer = Writer(self._file, chunk_size=chunk_size, compression=COMPRESSION[compression])
@@ -94,10 +95,14 @@ class LogWriter:
             self._aside.replace(self.path)
 
     def abandon(self) -> None:
-        """Close the file without an index; it is removed unless it was written in place."""
+        """Close the file without an index, as after a write that failed. What was written in place is cut back to the last
+        flush, any other file is removed."""
         with suppress(OSError):
             self._file.close()
-        if not self._in_place:
+        if self._in_place:
+            with suppress(OSError):
+                os.truncate(self._aside, self._flushed)
+        else:
             self._aside.unlink(missing_ok=True)
 
     def flush(self) -> None:
@@ -106,6 +111,7 @@ class LogWriter:
         with self._refusals():
             self._writer.flush()
             self._file.flush()
+            self._flushed = self._file.tell()
 
     def sync(self) -> None:
         """Bring everything flushed to the disk; from any thread."""

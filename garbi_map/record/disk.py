@@ -12,7 +12,7 @@ from typing import BinaryIO
 
 from garbi_map.errors import GarbiError
 from garbi_map.log import LogWriter, Topics
-from garbi_map.record.backlog import Backlog
+from garbi_map.record.backlog import Backlog, Entry
 from garbi_map.record.clock import SteadyClock
 from garbi_map.record.faults import Faults
 from garbi_map.record.settings import RecordSettings
@@ -98,36 +98,54 @@ class Disk(threading.Thread):
 
     def run(self) -> None:
         """Until the backlog is closed and empty, or the disk is full."""
+        reserve = self.settings.disk_reserve * MB
         try:
             while not self.backlog.over:
                 entry = self.backlog.take(self.settings.flush / 2)
-                if entry is not None and self._log is not None:
-                    entry.write(self._log)
-                    self.backlog.done(entry)
+                if entry is not None:
+                    self._write(entry)
                 self.alive_ns = self.clock.now()
                 if self.alive_ns - self._flushed_ns > self.settings.flush * 1e9:
                     self._flush()
+                    if self.full is None and self.free_bytes() < reserve:
+                        left = f"{self.settings.disk_reserve} MB"
+                        self._end_early(f"{self.target.path}: the disk is full but for the reserve of {left}")
+                    if self.full is not None and self.backlog.waiting_bytes > reserve / 2:
+                        break
             self._close()
         except GarbiError as error:
-            self._give_up(str(error))
+            self._end_early(str(error))
+            if self._log is not None:
+                self._log.abandon()
         finally:
             self._finished.set()
-        self.backlog.close()
+
+    def _write(self, entry: Entry) -> None:
+        assert self._log is not None
+        try:
+            entry.write(self._log)
+        except GarbiError:
+            raise
+        except Exception as error:  # one message that cannot be serialised must not end the recording
+            self.faults.tell(entry.source, f"a message could not be written ({type(error).__name__}: {error})")
+        self.backlog.done(entry)
 
     def _flush(self) -> None:
         assert self._log is not None
         self._log.flush()
         self._flushed_ns, self.bytes = self.clock.now(), self._before + self._log.size
-        if self.free_bytes() < self.settings.disk_reserve * MB:
-            raise GarbiError(
-                f"{self.target.path}: the disk is full but for the reserve of {self.settings.disk_reserve} MB"
-            )
         split = self.target
         if (split.split_bytes is not None and self._log.size >= split.split_bytes) or (
             split.split_seconds is not None and self._flushed_ns - self._opened_ns >= split.split_seconds * 1e9
         ):
             self._close()
             self._next()
+
+    def _end_early(self, why: str) -> None:
+        """Nothing more is taken in. With the reserve there is room for the index; a log without one is readable, too."""
+        self.backlog.close()
+        self.full = why
+        self.faults.tell("disk", f"{why}; the recording ends, what is written is kept")
 
     def _next(self) -> None:
         path = self.target.file(len(self.files))
@@ -142,24 +160,10 @@ class Disk(threading.Thread):
     def _close(self) -> None:
         if self._log is not None:
             self._end(self._log)
-            log, self._log = self._log, None
-            log.close()
+            self._log.close()
+            self._log = None
             self._before += self.files[-1].stat().st_size
             self.bytes = self._before
-
-    def _give_up(self, why: str) -> None:
-        """Nothing more is taken in. With the reserve there is room for the index; without, the file is left as it is, and
-        is readable."""
-        self.backlog.close()
-        self.full = why
-        self.faults.tell("disk", f"{why}; the recording ends, what is written is kept")
-        if self._log is None:
-            return
-        log = self._log
-        try:
-            self._close()
-        except GarbiError:
-            log.abandon()
 
     def _keep_syncing(self) -> None:
         """fsync, apart from the writing, which goes on meanwhile."""
