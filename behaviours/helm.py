@@ -16,12 +16,13 @@ PATIENCE = 0.5  # s without a decision after which the vehicle is told to stop
 VALID_FOR = 1.0  # s that a command holds: whoever obeys stops by itself when no other has come by then
 LAST_WORDS = 3  # times the last stop is sent, as datagrams get lost
 STOP = Command()
+Address = tuple[socket.AddressFamily, tuple[str, int]]
 
 
 class Helm:
     """Sends commands, and watches in a thread of its own that they keep coming.
 
-    send_to   HOST:PORT, None to send nothing
+    address   see `resolved`; None to send nothing
     now       the recorder's clock, ns
     record    is given (stamp ns, command) of everything that is sent, or would be
     trouble   is given what keeps commands from being sent, in words
@@ -29,14 +30,14 @@ class Helm:
 
     def __init__(
         self,
-        send_to: str | None,
+        address: Address | None,
         now: Callable[[], int],
         record: Callable[[int, Command], None],
         trouble: Callable[[str], None],
         patience: float = PATIENCE,
     ) -> None:
         self._now, self._record, self._trouble, self._patience = now, record, trouble, patience
-        self._address = None if send_to is None else _resolved(send_to)
+        self._address = address
         self._socket: socket.socket | None = None
         if self._address is not None:
             self._socket = socket.socket(self._address[0], socket.SOCK_DGRAM)
@@ -102,7 +103,8 @@ def command_line(stamp_ns: int, number: int, command: Command, why: str) -> byte
     return (json.dumps({**stamp, **axes, "valid_for": VALID_FOR, "stop": command == STOP, "why": why}) + "\n").encode()
 
 
-def _resolved(send_to: str) -> tuple[socket.AddressFamily, tuple[str, int]]:
+def resolved(send_to: str) -> Address:
+    """The address behind "HOST:PORT". Raises GarbiError."""
     host, port = host_and_port(send_to, send_to)
     try:
         family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]

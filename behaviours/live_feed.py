@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections import deque
 
 import numpy as np
 
@@ -15,8 +16,10 @@ from garbi_map.record.lines import Kind
 from garbi_map.rig import Rig
 from garbi_map.stripe import ImageLosses, StripeDetector, StripeSettings, UnusableImage, decode
 
-MOST_IMAGES = 12  # that wait to be searched; where searching is too slow the older ones are left out
+MOST_IMAGES = 12  # that are searched at once; where searching is too slow the older ones are left out
+WAITING_IMAGES, WAITING_READINGS = 400, 20_000  # that wait at most, where nobody asks any more
 
+NO_ATTITUDE = (np.nan,) * 4
 Reading = tuple[int, int, Kind, tuple[float, ...]]  # arrival ns, stamp ns, ...
 
 
@@ -35,8 +38,8 @@ class LiveFeed:
         self._arrivals = Arrivals(rig.laser.fixed_angle, settings)
         self._detector = StripeDetector(stripe, rig)
         self._lock = threading.Lock()
-        self._images: list[Image] = []
-        self._readings: list[Reading] = []
+        self._images: deque[Image] = deque(maxlen=WAITING_IMAGES)
+        self._readings: deque[Reading] = deque(maxlen=WAITING_READINGS)
         self.begin_ns: int | None = None
         self.skipped = 0
 
@@ -78,10 +81,13 @@ class LiveFeed:
 
     def _arrived(self, now_ns: int) -> tuple[list[Image], list[Reading]]:
         with self._lock:
-            images = [image for image in self._images if max(image.arrival_ns, image.stamp_ns) <= now_ns]
+            images: list[Image] = []
+            while self._images and max(self._images[0].arrival_ns, self._images[0].stamp_ns) <= now_ns:
+                images.append(self._images.popleft())
+            later = [reading for reading in self._readings if reading[0] > now_ns]
             readings = [reading for reading in self._readings if reading[0] <= now_ns]
-            self._images = self._images[len(images) :]
-            self._readings = [reading for reading in self._readings if reading[0] > now_ns]
+            self._readings.clear()
+            self._readings.extend(later)
         self.skipped += max(len(images) - MOST_IMAGES, 0)
         return images[-MOST_IMAGES:], sorted(readings, key=lambda reading: reading[0])
 
@@ -116,6 +122,3 @@ def _navigation(readings: list[Reading]) -> Navigation:
             turn, force, attitude = values[:, :3], values[:, 3:6], values[:, 6:]
             found[kind] = Imu(stamps, arrivals, turn, force, attitude, np.zeros((len(some), 3, 3)))
     return Navigation(**found)  # type: ignore[arg-type]
-
-
-NO_ATTITUDE = (np.nan,) * 4

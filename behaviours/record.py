@@ -10,7 +10,7 @@ import numpy as np
 from behaviours.decisions import OK, WARN, Decision, DecisionWriter
 from behaviours.expectations import Plan, load_plan
 from behaviours.feed import Seen
-from behaviours.helm import STOP, Helm
+from behaviours.helm import STOP, Helm, resolved
 from behaviours.live_feed import LiveFeed
 from behaviours.pilot import Pilot
 from behaviours.replay import RECORD
@@ -44,7 +44,8 @@ class LiveBehaviours:
     """
 
     def __init__(self, plan: Plan, text: str, rig: Rig, config: Config, send_to: str | None = None) -> None:
-        self.plan, self._config, self._rig, self._send_to = plan, config, rig, send_to
+        self.plan, self._config, self._rig = plan, config, rig
+        self._address = None if send_to is None else resolved(send_to)
         self.metadata = {"garbi.behaviours": {"json": plan.model_dump_json()}}
         if text:
             self.metadata[RECORD] = {"yaml": text}
@@ -76,7 +77,7 @@ class LiveBehaviours:
         """See `Subscriber`."""
         self._recording = recording
         self._helm = Helm(
-            self._send_to, recording.clock.now, self._record_command, partial(recording.faults.tell, "helm")
+            self._address, recording.clock.now, self._record_command, partial(recording.faults.tell, "helm")
         )
         self._helm.begin()
         self._thread.start()

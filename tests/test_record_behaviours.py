@@ -21,8 +21,9 @@ from test_record_sources import running
 import behaviours.live_feed
 import behaviours.record
 from behaviours.decisions import COMMAND, DECISIONS, Decision
+from behaviours.expectations import Plan
 from behaviours.feed import Seen
-from behaviours.helm import Helm
+from behaviours.helm import Helm, resolved
 from behaviours.log_feed import LogFeed
 from behaviours.pilot import Pilot
 from behaviours.record import LiveBehaviours, subscribe
@@ -239,7 +240,13 @@ def test_a_feed_that_breaks_ends_in_the_command_to_stop(
 def test_a_helm_that_nobody_steers_says_stop() -> None:
     """From the first moment, and when decisions end; each command says how long it holds."""
     receiver, recorded = Receiver(), list[tuple[int, Command]]()
-    helm = Helm(receiver.address, time.time_ns, lambda at, command: recorded.append((at, command)), print, patience=0.1)
+    helm = Helm(
+        resolved(receiver.address),
+        time.time_ns,
+        lambda at, command: recorded.append((at, command)),
+        print,
+        patience=0.1,
+    )
     helm.begin()
     receiver.wait_for(lambda line: line["why"] == "nothing is decided yet")
     helm.steer(123, Command(surge=0.2), "travel")
@@ -261,7 +268,7 @@ def test_what_cannot_run_is_refused_at_once(wall: Log, tmp_path: Path) -> None:
     with pytest.raises(GarbiError, match="cannot be read"):
         subscribe(Offer(tmp_path / "none.yaml", None, Config(), rig))
     with pytest.raises(GarbiError, match="HOST:PORT"):
-        Helm("nowhere", time.time_ns, lambda *_: None, print)
+        LiveBehaviours(Plan(), "", rig, Config(), "nowhere")
 
 
 def test_the_command_finds_the_behaviours_where_they_are_installed(

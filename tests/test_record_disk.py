@@ -155,16 +155,16 @@ def test_with_the_reserve_a_full_disk_ends_in_a_complete_log(
     assert len(list(log.images())) > 5 and log.losses == []
 
 
-@pytest.mark.parametrize("split", [{"split_seconds": 0.5}, {"split_bytes": 300_000}])
+@pytest.mark.parametrize("split", [{"split_seconds": 0.5}, {"split_bytes": 200_000}])
 def test_the_files_of_a_split_recording_are_one_log(images: Path, tmp_path: Path, split: dict[str, float]) -> None:
     """Each is a log by itself; together they hold everything."""
     serial = Serial()
-    target = Target(tmp_path / "a.mcap", **split)  # type: ignore[arg-type]
-    with (
-        running(recorder(target, Said(), images, 50.0, {serial.path: ("encoder",)})) as done,
-        Sending(serial.send, encoder_line),
-    ):
-        time.sleep(2.2)
+    made = recorder(Target(tmp_path / "a.mcap", **split), Said(), images, 50.0, {serial.path: ("encoder",)})  # type: ignore[arg-type]
+    with running(made) as done, Sending(serial.send, encoder_line):
+        end = time.monotonic() + 60
+        while not (tmp_path / "a_002.mcap").exists() and time.monotonic() < end:
+            time.sleep(0.05)
+        time.sleep(0.2)
     files = done[0].files
     assert len(files) >= 3 and files[1].name == "a_001.mcap"
     log = open_log(files)
@@ -192,7 +192,9 @@ def test_a_split_row_is_not_overwritten_either(images: Path, tmp_path: Path) -> 
     (tmp_path / "a_007.mcap").write_bytes(b"precious")
     with pytest.raises(GarbiError, match=r"a_007.mcap: is there already"):
         Target(tmp_path / "a.mcap", split_seconds=1.0).check()
-    Target(tmp_path / "a.mcap", split_seconds=1.0, force=True).check()
+    forced = Target(tmp_path / "a.mcap", split_seconds=1.0, force=True)
+    forced.check()
+    forced.clear()
     assert not (tmp_path / "a_007.mcap").exists()
 
 

@@ -12,6 +12,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from garbi_map.record.lines import LONGEST, BadLine, LineSplitter, Reading, nmea, parse_line
+from tools.bench.fuzz_lines import fuzz
 
 PROTOCOL = Path(__file__).resolve().parents[1] / "docs" / "record-protocol.md"
 FINITE = st.floats(-9, 9).map(lambda value: round(value, 6))
@@ -127,7 +128,7 @@ def test_no_bytes_do_any_harm(line: bytes) -> None:
         assert all(math.isfinite(value) or reading.kind == "dvl" for value in reading.values)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=150, deadline=None)
 @given(
     body=st.sampled_from(["PGRB,ENC", "PGRB,IMU", "PGRB,PRS", "PGRB,DVL", "YXXDR", "GPGGA", ":BI", "wrz"]),
     fields=st.lists(
@@ -173,6 +174,12 @@ def test_lines_come_out_whole_however_the_bytes_come_in(values: list[float], cut
         got += splitter.split(data[start:cut])
         start = max(start, cut)
     assert [one(line).values[0] for line in got] == values
+
+
+def test_changed_lines_do_no_harm() -> None:
+    """What the bench does a million times, three thousand times."""
+    fuzzed = fuzz(3000)
+    assert fuzzed.exceptions == 0 and fuzzed.readings > 300 and len(fuzzed.refused) > 10
 
 
 def test_a_line_without_an_end_does_not_fill_the_memory() -> None:

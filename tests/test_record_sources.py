@@ -46,7 +46,7 @@ def running(recording: Recorder) -> Iterator[list[Recorded]]:
 
 def quick() -> Config:
     """Silences are noticed early."""
-    return Config(record=RecordSettings(silent=0.3, retry=(0.1, 0.2)))
+    return Config(record=RecordSettings(silent=0.3, opening=0.3, retry=(0.1, 0.2)))
 
 
 def test_a_camera_a_serial_encoder_and_an_imu_over_udp_make_a_log(images: Path, tmp_path: Path) -> None:

@@ -47,16 +47,23 @@ class Target:
         """Raises GarbiError where a file is in the way, or where nothing can be written."""
         if self.path.suffix != ".mcap":
             raise GarbiError(f"{self.path}: a log's name ends in .mcap")
-        there = sorted(self.path.parent.glob(f"{self.path.stem}_[0-9][0-9][0-9]*.mcap")) if self.splits else [self.path]
-        for path in there:
-            if path.exists() and not self.force:
+        for path in self._there():
+            if not self.force:
                 raise GarbiError(f"{path}: is there already; choose another name, or --force to overwrite it")
         if not self.path.parent.is_dir():
             raise GarbiError(f"{self.path.parent}: no such directory")
         if not os.access(self.path.parent, os.W_OK):
             raise GarbiError(f"{self.path.parent}: cannot be written to; choose another directory")
-        for path in there:
-            path.unlink(missing_ok=True)
+
+    def clear(self) -> None:
+        """Remove what `force` allows to be overwritten."""
+        for path in self._there():
+            path.unlink()
+
+    def _there(self) -> list[Path]:
+        if self.splits:
+            return sorted(self.path.parent.glob(f"{self.path.stem}_[0-9][0-9][0-9]*.mcap"))
+        return [self.path] if self.path.exists() else []
 
 
 class Disk(threading.Thread):
@@ -65,7 +72,7 @@ class Disk(threading.Thread):
 
     files  those that hold something, complete but the last
     full   in words, why nothing more is written; None as long as it is
-    bytes  of all files, flushed
+    bytes  of all files, flushed;  free: bytes left on that disk then
     """
 
     def __init__(
@@ -85,7 +92,7 @@ class Disk(threading.Thread):
         self._begin, self._end = begin, end
         self.files: list[Path] = []
         self.full: str | None = None
-        self._before = self.bytes = 0
+        self._before = self.bytes = self.free = 0
         self.alive_ns = self._flushed_ns = self._opened_ns = clock.now()
         self._log: LogWriter | None = None
         self._finished = threading.Event()
@@ -93,6 +100,8 @@ class Disk(threading.Thread):
 
     def open(self) -> None:
         """Open the first file. Raises GarbiError."""
+        self.target.check()
+        self.target.clear()
         self._next()
         self._syncer.start()
 
@@ -107,7 +116,7 @@ class Disk(threading.Thread):
                 self.alive_ns = self.clock.now()
                 if self.alive_ns - self._flushed_ns > self.settings.flush * 1e9:
                     self._flush()
-                    if self.full is None and self.free_bytes() < reserve:
+                    if self.full is None and self.free < reserve:
                         left = f"{self.settings.disk_reserve} MB"
                         self._end_early(f"{self.target.path}: the disk is full but for the reserve of {left}")
                     if self.full is not None and self.backlog.waiting_bytes > reserve / 2:
@@ -134,6 +143,7 @@ class Disk(threading.Thread):
         assert self._log is not None
         self._log.flush()
         self._flushed_ns, self.bytes = self.clock.now(), self._before + self._log.size
+        self.free = self.free_bytes()
         split = self.target
         if (split.split_bytes is not None and self._log.size >= split.split_bytes) or (
             split.split_seconds is not None and self._flushed_ns - self._opened_ns >= split.split_seconds * 1e9
@@ -156,6 +166,7 @@ class Disk(threading.Thread):
         self._log.flush()
         self.files.append(path)
         self._opened_ns = self._flushed_ns = self.clock.now()
+        self.free = self.free_bytes()
 
     def _close(self) -> None:
         if self._log is not None:

@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Callable
 
 AGAIN = 10.0  # s before the same fault is told again
+MOST = 200  # different faults that are told apart: some quote what came in
 
 
 class Faults:
@@ -24,6 +25,8 @@ class Faults:
         """who: the source; what: the fault, by which it is counted; detail: of this time."""
         key, now = (who, what), time.monotonic()
         with self._lock:
+            if len(self.counts) >= MOST and key not in self.counts:
+                key = (who, "something else")
             self.counts[key] += 1
             self._since[key] += 1
             if now - self._told.get(key, -AGAIN) < AGAIN:

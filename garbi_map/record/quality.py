@@ -74,6 +74,14 @@ class Looker(threading.Thread):
         self._stopping = threading.Event()
         self.last: Look | None = None
 
+    def warm_up(self) -> None:
+        """Look at a black image: what is compiled or loaded at first use is, before anything is recorded."""
+        import simplejpeg
+
+        width, height = self._detector.image_size or (64, 48)
+        black = simplejpeg.encode_jpeg(np.zeros((height, width, 3), np.uint8))
+        look_at(Image(0, 0, "jpeg", black), self._detector)
+
     def see(self, image: Image) -> None:
         """The newest image."""
         self._newest = image
@@ -92,5 +100,7 @@ class Looker(threading.Thread):
                 self._faults.tell("look", f"an image could not be looked at ({type(error).__name__}: {error})")
 
     def stop(self) -> None:
-        """Soon."""
+        """And wait until it has."""
         self._stopping.set()
+        if self.is_alive():
+            self.join()

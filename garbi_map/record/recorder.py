@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -109,14 +110,18 @@ class Recorder:
         show: is given the state ten times a second.
         """
         self._disk.target.check()
-        recording = Recording(self.clock, self.faults, self.backlog.put)
-        for one in self._subscribers:
-            one.begin(recording)
+        if self._looker is not None:
+            self._looker.warm_up()
         self._disk.open()
         self._disk.start()
-        for thread in (*self._sources, *([self._looker] if self._looker else [])):
-            thread.start()
         try:
+            recording = Recording(self.clock, self.faults, self.backlog.put)
+            for one in self._subscribers:
+                one.begin(recording)
+            for meter in self._meters.values():
+                meter.last_ns = self.clock.now()
+            for thread in (*self._sources, *([self._looker] if self._looker else [])):
+                thread.start()
             self._watch(seconds, show)
         finally:
             self._end_all()
@@ -149,7 +154,8 @@ class Recorder:
             )
         for name, meter in self._meters.items():
             silence = meter.silence(now)
-            if silence > max(self.settings.silent, STRUGGLING * meter.usual_gap()) and not self._trouble(name):
+            most = max(self.settings.silent, STRUGGLING * meter.usual_gap()) if meter.count else self.settings.opening
+            if silence > most and not self._trouble(name):
                 self.faults.down(name, "silent", f" for {silence:.1f} s" if meter.count else "; nothing has come yet")
         for name, count in self.backlog.dropped.items():
             if count > self._told_dropped.get(name, 0):
@@ -174,7 +180,7 @@ class Recorder:
             self.backlog.most_bytes,
             self._disk.bytes,
             sum(rate for _, rate in rates.values()),
-            self._disk.free_bytes(),
+            self._disk.free,
             self._disk.stalled(now),
             self._looker.last if self._looker else None,
             [one.status() for one in self._subscribers],
@@ -196,7 +202,8 @@ class Recorder:
         if self._looker is not None:
             self._looker.see(image)
         for one in self._subscribers:
-            one.image(image)
+            with self._guarded():
+                one.image(image)
 
     def reading(self, kind: Kind, stamp_ns: int, arrival_ns: int, values: tuple[float, ...]) -> None:
         """See `garbi_map.record.sources.Sink`."""
@@ -205,7 +212,16 @@ class Recorder:
         self.faults.up(self._of_kind[kind], "readings come again")
         self.backlog.put(kind, MESSAGE, lambda log: write_reading(log, kind, stamp_ns, arrival_ns, values, self._joint))
         for one in self._subscribers:
-            one.reading(kind, stamp_ns, arrival_ns, values)
+            with self._guarded():
+                one.reading(kind, stamp_ns, arrival_ns, values)
+
+    @contextmanager
+    def _guarded(self) -> Iterator[None]:
+        """A subscriber's fault is its own."""
+        try:
+            yield
+        except Exception as error:
+            self.faults.tell("subscriber", f"failed ({type(error).__name__}: {error})")
 
     def ended(self, source: str) -> None:
         """See `garbi_map.record.sources.Sink`."""
@@ -224,11 +240,13 @@ class Recorder:
         for source in self._sources:
             source.stopping.set()
         for source in self._sources:
-            source.join(JOIN)
+            if source.is_alive():
+                source.join(JOIN)
         if self._looker is not None:
             self._looker.stop()
         for one in self._subscribers:
-            one.end()
+            with self._guarded():
+                one.end()
         self.backlog.close()
         self._disk.join()
 

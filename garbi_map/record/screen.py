@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from contextlib import suppress
 from types import TracebackType
 from typing import Any, Self
 
@@ -33,15 +34,17 @@ class Screen:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if self._live is not None:
-            self._live.stop()
+            with suppress(OSError):
+                self._live.stop()
 
     def say(self, line: str) -> None:
         """A line that stays, from any thread."""
         stamped = f"{time.strftime('%H:%M:%S')} {line}"
-        if self._live is not None:
-            self._live.console.print(stamped, markup=False, highlight=False)
-        else:
-            print(stamped, file=sys.stderr, flush=True)
+        with suppress(OSError):  # the terminal may be gone; the recording goes on
+            if self._live is not None:
+                self._live.console.print(stamped, markup=False, highlight=False)
+            else:
+                print(stamped, file=sys.stderr, flush=True)
 
     def show(self, status: Status) -> None:
         """The state; drawn when it is time to."""
@@ -49,10 +52,11 @@ class Screen:
         if now - self._drawn < (DRAW if self._tty else LINE):
             return
         self._drawn = now
-        if self._live is not None:
-            self._live.update(drawn(status), refresh=True)
-        else:
-            print(line(status), file=sys.stderr, flush=True)
+        with suppress(OSError):
+            if self._live is not None:
+                self._live.update(drawn(status), refresh=True)
+            else:
+                print(line(status), file=sys.stderr, flush=True)
 
 
 def line(status: Status) -> str:

@@ -47,6 +47,7 @@ class RecordSettings(Settings):
     sync: float = Field(default=0.5, gt=0, le=1, description="s; what is older, and flushed, survives a loss of power")
     disk_reserve: int = Field(default=64, ge=0, description="MB that are left free: the recording ends before")
     silent: float = Field(default=1.0, gt=0, description="s without a reading or an image are a fault")
+    opening: float = Field(default=5.0, gt=0, description="s in which the first of them has to come")
     retry: tuple[float, float] = Field(default=(0.5, 8.0), description="first and longest wait before opening again, s")
     most_lines: int = Field(default=4000, ge=10, description="lines per second of one port; more are left out")
     look: float = Field(default=0.5, gt=0, description="s between two images that are looked at for the screen")

@@ -51,6 +51,9 @@ class Source(threading.Thread):
                 break
             except (CameraTrouble, PortTrouble) as error:
                 self.faults.down(self.source, str(error), f" ({self.called}); it is tried again")
+            except Exception as error:  # whatever a driver throws: the other sources go on
+                why = f"{type(error).__name__}: {error}"
+                self.faults.down(self.source, "failed", f" ({self.called}: {why}); it is tried again")
             if self.clock.now() - begin_ns > 2e9 * longest:
                 wait = self.settings.retry[0]
             self.stopping.wait(wait)

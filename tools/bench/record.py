@@ -37,6 +37,7 @@ from garbi_map.record.lines import Kind, nmea
 from garbi_map.record.ports import port_of
 from garbi_map.record.recorder import Inputs, Recorder
 from garbi_map.record.screen import Screen
+from tools.bench.fuzz_lines import Fuzzed, fuzz
 
 SAMPLE = Path(__file__).resolve().parents[2] / "logs" / "sample.mcap"
 RESULTS = Path(__file__).parent / "results"
@@ -79,6 +80,7 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=20.0, help="of each load")
     parser.add_argument("--seed", type=int, default=9)
     parser.add_argument("--no-write", action="store_true")
+    parser.add_argument("--lines", type=int, default=1_000_000, help="hostile lines for the parser")
     arguments = parser.parse_args()
     context = get_context("forkserver")
     context.set_forkserver_preload(["garbi_map.record.recorder", "garbi_map.record.screen", "cv2", "simplejpeg"])
@@ -90,12 +92,14 @@ def main() -> int:
         loads.append(load(context, folder, "motion jpeg", films["motion jpeg"], 50.0, arguments.seconds, stall=2.0))
         kills = kill_often(context, folder, films["motion jpeg"], arguments.kills, arguments.seed)
         after = os.getloadavg()
+    fuzzed = fuzz(arguments.lines)
     found = {
         "machine": {"cores": os.cpu_count(), "load_before": before, "load_after": after},
         "loads": [asdict(one) for one in loads],
         "kills": asdict(kills),
+        "fuzzed": asdict(fuzzed),
     }
-    text = table(loads, kills, before, after)
+    text = table(loads, kills, fuzzed, before, after)
     print(text)
     if not arguments.no_write:
         (RESULTS / "record.json").write_text(json.dumps(found, indent=1) + "\n")
@@ -248,7 +252,7 @@ def oldest_end(path: Path) -> int:
     return min(image, int(navigation.encoder.arrival_ns.max()), int(navigation.imu.arrival_ns.max()))
 
 
-def table(loads: list[Load], kills: Kills, before: tuple[float, ...], after: tuple[float, ...]) -> str:
+def table(loads: list[Load], kills: Kills, fuzzed: Fuzzed, before: tuple[float, ...], after: tuple[float, ...]) -> str:
     """As Markdown."""
     rows = [
         "# What the recorder loses and costs",
@@ -262,8 +266,9 @@ def table(loads: list[Load], kills: Kills, before: tuple[float, ...], after: tup
     ]
     for one in loads:
         stalled = f", disk stalls {one.stalled_s:g} s" if one.stalled_s else ""
+        recorded = f"{one.images} images of {one.image_kb:.0f} kB, {one.readings} readings"
         rows.append(
-            f"| {one.camera}{stalled} | {one.rate:g} | {one.images} images of {one.image_kb:.0f} kB, {one.readings} readings | {one.dropped} | "
+            f"| {one.camera}{stalled} | {one.rate:g} | {recorded} | {one.dropped} | "
             f"{one.missing_readings} | {one.largest_queue_mb:.1f} MB | {100 * one.cpu:.1f} % |"
         )
     rows += [
@@ -274,6 +279,10 @@ def table(loads: list[Load], kills: Kills, before: tuple[float, ...], after: tup
         f"| logs that cannot be read | {kills.unreadable} |",
         f"| lost before the kill, median / largest | {kills.median_lost_s:.2f} / {kills.largest_lost_s:.2f} s |",
         f"| more than a second | {kills.over_a_second} |",
+        "",
+        f"{fuzzed.inputs:,} hostile inputs to the parser of sensors' lines: {fuzzed.readings:,} readings, "
+        f"{sum(fuzzed.refused.values()):,} lines refused for {len(fuzzed.refused)} reasons, {fuzzed.exceptions} other "
+        f"exceptions, {fuzzed.gained_mb:.0f} MB of memory gained.",
     ]
     return "\n".join(rows) + "\n"
 
