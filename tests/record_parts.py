@@ -111,12 +111,17 @@ class Said(list[str]):
     def text(self) -> str:
         return "\n".join(self)
 
-    def wait_for(self, words: str, seconds: float = 30.0) -> None:
+    def wait_for(self, words: str) -> None:
         """Until they are said."""
-        end = time.monotonic() + seconds
-        while words not in self.text:
-            assert time.monotonic() < end, f"{words!r} was never said, but: {self.text}"
-            time.sleep(0.02)
+        wait_for(lambda: words in self.text, lambda: f"{words!r} was never said, but: {self.text}")
+
+
+def wait_for(what: Callable[[], bool], complaint: Callable[[], str] = lambda: "it never came") -> None:
+    """Until it is so; a minute at most."""
+    end = time.monotonic() + 60
+    while not what():
+        assert time.monotonic() < end, complaint()
+        time.sleep(0.02)
 
 
 def recorder(

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import Garbi
-from record_parts import Said, Sending, Udp, recorder, sample_images
+from record_parts import Said, Sending, Udp, recorder, sample_images, wait_for
 from test_record_sources import running
 
 import behaviours.live_feed
@@ -108,10 +108,7 @@ class Receiver:
                     return
 
     def wait_for(self, wanted: Callable[[dict[str, Any]], bool]) -> None:
-        end = time.monotonic() + 30
-        while not any(map(wanted, list(self.got))):
-            assert time.monotonic() < end, self.got[-3:]
-            time.sleep(0.02)
+        wait_for(lambda: any(map(wanted, list(self.got))), lambda: f"never said, but: {self.got[-3:]}")
 
     def end(self) -> list[dict[str, Any]]:
         self._over.set()
@@ -151,10 +148,7 @@ def test_a_replay_of_the_recording_decides_the_same(wall: Log, images: Path, tmp
     """Every reason of every decision, and every command that the helm let through."""
     said = Said()
     with flying(wall, images, tmp_path / "a.mcap", config, said) as (live, done):
-        end = time.monotonic() + 60
-        while live.decided < 28 and time.monotonic() < end:
-            time.sleep(0.05)
-    assert live.decided >= 28, said.text
+        wait_for(lambda: live.decided >= 28, lambda: said.text)
     log = open_log(done[0].files)
     replayed = {
         one.now_ns: one for one in decide_all(LogFeed(log, live.plan.behaviours.feed, config.stripe), live.plan)

@@ -6,13 +6,14 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 from conftest import Garbi
-from record_parts import Sending, Udp, encoder_line, sample_images
+from record_parts import Sending, Udp, encoder_line, sample_images, wait_for
 
 from garbi_map.log import open_log
 from garbi_map.record.quality import Look, look_at
@@ -42,10 +43,7 @@ def started(*arguments: object) -> subprocess.Popen[str]:
 
 def wait_for_bytes(path: Path, least: int) -> None:
     """Until a file is that large."""
-    end = time.monotonic() + 60
-    while not path.exists() or path.stat().st_size < least:
-        assert time.monotonic() < end, "nothing is recorded"
-        time.sleep(0.02)
+    wait_for(lambda: path.exists() and path.stat().st_size >= least)
 
 
 def test_a_folder_is_recorded_to_its_end_and_the_log_is_mapped(garbi: Garbi, images: Path, tmp_path: Path) -> None:
@@ -78,17 +76,26 @@ def test_bad_input_is_one_line(garbi: Garbi, tmp_path: Path, arguments: tuple[st
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_signal_ends_the_recording_cleanly(images: Path, tmp_path: Path) -> None:
-    """SIGTERM, as from an init system: the log is complete."""
-    log = tmp_path / "a.mcap"
-    process = started("-o", log, "--camera", images, "--loop")
-    wait_for_bytes(log, 200_000)
-    process.send_signal(signal.SIGTERM)
-    out, err = process.communicate(timeout=60)
-    assert process.returncode == 0, err
-    assert f"{log}: recorded" in out
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_ends_the_recording_cleanly(
+    garbi: Garbi, images: Path, tmp_path: Path, number: signal.Signals
+) -> None:
+    """Ctrl-C, an init system, a terminal that is closed: the log is complete, and the handlers are as they were."""
+    log, before = tmp_path / "a.mcap", signal.getsignal(number)
+
+    def send() -> None:
+        wait_for_bytes(log, 100_000)
+        os.kill(os.getpid(), number)
+
+    sender = threading.Thread(target=send)
+    sender.start()
+    ended = garbi("record", "-o", log, "--camera", images, "--loop")
+    sender.join()
+    assert ended.status == 0, ended.err
+    assert f"{log}: recorded" in ended.out
     found = open_log([log])
     assert found.image_count > 5 and found.losses == []
+    assert signal.getsignal(number) is before
 
 
 def test_kill_9_leaves_a_log_that_lacks_less_than_a_second(images: Path, tmp_path: Path) -> None:

@@ -6,6 +6,8 @@ import errno
 import io
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
@@ -13,7 +15,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from record_parts import Said, Sending, Serial, encoder_line, recorder, sample_images
+from record_parts import Said, Sending, Serial, encoder_line, recorder, sample_images, wait_for
 from test_record_sources import running
 
 from garbi_map.config import Config
@@ -42,6 +44,16 @@ class Stalling(io.FileIO):
         return super().write(data)  # type: ignore[arg-type]
 
 
+@contextmanager
+def closed(gate: threading.Event) -> Iterator[None]:
+    """The disk stalls for the length of a block."""
+    gate.clear()
+    try:
+        yield
+    finally:
+        gate.set()
+
+
 class Small(io.FileIO):
     """A file on a disk with room for so many bytes."""
 
@@ -65,12 +77,11 @@ def test_a_disk_that_stalls_for_two_seconds_loses_nothing(images: Path, tmp_path
 
     made = recorder(Target(tmp_path / "a.mcap", open_file=opened), said, images, 50.0, {serial.path: ("encoder",)})
     with running(made) as done, Sending(serial.send, encoder_line) as encoder:
-        time.sleep(0.5)
-        gate.clear()
-        said.wait_for("disk: it takes nothing")
-        time.sleep(1.0)
-        gate.set()
-        time.sleep(0.5)
+        wait_for(lambda: made.counts["encoder"] > 30)
+        with closed(gate):
+            said.wait_for("disk: it takes nothing")
+            time.sleep(1.0)
+        time.sleep(0.3)
     log = open_log(done[0].files)
     angles = np.round(log.navigation().encoder.angle * 1e4)  # type: ignore[union-attr]
     assert np.all(np.diff(angles) == 1) and angles[-1] >= encoder.sent - 2
@@ -90,12 +101,10 @@ def test_when_the_queue_is_full_images_go_first(images: Path, tmp_path: Path) ->
     target = Target(tmp_path / "a.mcap", open_file=opened)
     made = recorder(target, said, images, 100.0, {serial.path: ("encoder",)}, config)
     with running(made) as done, Sending(serial.send, encoder_line):
-        time.sleep(0.4)
-        gate.clear()
-        said.wait_for("disk: too slow: what camera gives is dropped")
-        time.sleep(0.3)
-        gate.set()
-        time.sleep(0.3)
+        wait_for(lambda: made.counts["encoder"] > 30)
+        with closed(gate):
+            said.wait_for("disk: too slow: what camera gives is dropped")
+        wait_for(lambda: made.counts["encoder"] > 100)
     log = open_log(done[0].files)
     angles = np.round(log.navigation().encoder.angle * 1e4)  # type: ignore[union-attr]
     assert len(angles) > 50 and np.all(np.diff(angles) == 1)
@@ -161,9 +170,7 @@ def test_the_files_of_a_split_recording_are_one_log(images: Path, tmp_path: Path
     serial = Serial()
     made = recorder(Target(tmp_path / "a.mcap", **split), Said(), images, 50.0, {serial.path: ("encoder",)})  # type: ignore[arg-type]
     with running(made) as done, Sending(serial.send, encoder_line):
-        end = time.monotonic() + 60
-        while not (tmp_path / "a_002.mcap").exists() and time.monotonic() < end:
-            time.sleep(0.05)
+        wait_for((tmp_path / "a_002.mcap").exists)
         time.sleep(0.2)
     files = done[0].files
     assert len(files) >= 3 and files[1].name == "a_001.mcap"

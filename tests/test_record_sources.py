@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from dive_logs import SAMPLE
-from record_parts import Said, Sending, Serial, Udp, encoder_line, imu_line, recorder, sample_images
+from record_parts import Said, Sending, Serial, Udp, encoder_line, imu_line, recorder, sample_images, wait_for
 
 from garbi_map.config import Config
 from garbi_map.errors import GarbiError
@@ -56,15 +56,13 @@ def test_a_camera_a_serial_encoder_and_an_imu_over_udp_make_a_log(images: Path, 
     made = recorder(
         tmp_path / "a.mcap", said, images, 25.0, {serial.path: ("encoder",), udp.url: ("imu",)}, rig_text=rig
     )
-    with running(made) as done:
-        time.sleep(0.5)
-        with Sending(serial.send, encoder_line) as encoder, Sending(udp.send, imu_line):
-            time.sleep(2.0)
-        time.sleep(0.3)
+    with running(made) as done, Sending(serial.send, encoder_line), Sending(udp.send, imu_line):
+        wait_for(lambda: min(made.counts["encoder"], made.counts["imu"]) > 150 and made.counts["camera"] > 25)
     log = open_log(done[0].files)
     navigation = log.navigation()
     assert navigation.encoder is not None and navigation.imu is not None
-    assert np.array_equal(np.round(navigation.encoder.angle * 1e4), np.arange(encoder.sent))
+    angles = np.round(navigation.encoder.angle * 1e4)
+    assert len(angles) == done[0].counts["encoder"] and np.all(np.diff(angles) == 1)
     assert np.all(navigation.encoder.stamp_ns <= navigation.encoder.arrival_ns)
     assert np.diff(navigation.imu.stamp_ns[20:]).std() < 1e6  # by its own clock, whatever the machine was doing
     files = [file.read_bytes() for file in sorted(images.iterdir())]
@@ -80,9 +78,10 @@ def test_an_encoder_that_is_unplugged_is_opened_again(images: Path, tmp_path: Pa
     said, first = Said(), Serial()
     link = tmp_path / "ttyUSB0"
     link.symlink_to(first.path)
-    with running(recorder(tmp_path / "a.mcap", said, images, 25.0, {str(link): ("encoder",)}, quick())) as done:
+    made = recorder(tmp_path / "a.mcap", said, images, 25.0, {str(link): ("encoder",)}, quick())
+    with running(made) as done:
         with Sending(first.send, encoder_line):
-            time.sleep(0.5)
+            wait_for(lambda: made.counts["encoder"] > 20 and made.counts["camera"] > 10)
         first.unplug()
         said.wait_for("encoder: is gone")
         second = Serial()
@@ -124,10 +123,10 @@ def test_a_clock_that_is_set_back_is_told_and_written_down(images: Path, tmp_pat
     made = recorder(tmp_path / "a.mcap", said, images, 25.0)
     made.clock._wall = lambda: time.time_ns() + off[0]
     with running(made) as done:
-        time.sleep(0.5)
+        wait_for(lambda: made.counts["camera"] > 5)
         off[0] = -3600 * 1_000_000_000
         said.wait_for("set back by 3600.0")
-        time.sleep(0.5)
+        wait_for(lambda: made.counts["camera"] > 15)
     log = open_log(done[0].files)
     assert done[0].losses == []
     assert np.all(np.diff([image.stamp_ns for image in log.images()]) > 0)
@@ -140,9 +139,10 @@ def test_a_stranger_and_a_flood_over_udp_change_nothing(tmp_path: Path) -> None:
     stranger = Udp()
     stranger.port = udp.port
     config = Config(record=RecordSettings(most_lines=200, silent=30))
-    with running(recorder(tmp_path / "a.mcap", said, ports={udp.url: ("encoder",)}, config=config)) as done:
+    made = recorder(tmp_path / "a.mcap", said, ports={udp.url: ("encoder",)}, config=config)
+    with running(made) as done:
         with Sending(udp.send, encoder_line, 50.0):
-            time.sleep(0.6)
+            wait_for(lambda: made.counts["encoder"] > 10)
             for _ in range(20):
                 stranger.send(nmea("PGRB,ENC,,9"))
             said.wait_for("encoder: a second sender is not listened to")
@@ -171,8 +171,9 @@ def test_motion_jpeg_is_kept_as_it_is_and_other_films_are_encoded(images: Path, 
         first = frames.next()
         frames.close()
         assert first is not None and isinstance(first.data, bytes) is kept
-        with running(recorder(tmp_path / f"{name}.mcap", Said(), tmp_path / name)) as done:
-            time.sleep(0.5)
+        made = recorder(tmp_path / f"{name}.mcap", Said(), tmp_path / name)
+        with running(made) as done:
+            wait_for(lambda made=made: made.counts["camera"] > 10)  # type: ignore[misc]
         stored = list(open_log(done[0].files).images())
         assert np.median(np.diff([image.stamp_ns for image in stored])) == 20_000_000
         assert np.abs(decode(stored[1]).astype(float) - pixels[1]).mean() < 3

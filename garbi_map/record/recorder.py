@@ -186,6 +186,11 @@ class Recorder:
             [one.status() for one in self._subscribers],
         )
 
+    @property
+    def counts(self) -> dict[str, int]:
+        """Images and readings of each source so far."""
+        return {name: meter.count for name, meter in self._meters.items()}
+
     def clocks(self) -> dict[str, str]:
         """Of each source, how its stamps come about."""
         found = {source.source: source.clocks() for source in self._sources}
@@ -251,7 +256,7 @@ class Recorder:
         self._disk.join()
 
     def _outcome(self) -> Recorded:
-        counts = {name: meter.count for name, meter in self._meters.items()}
+        counts = self.counts
         if not any(counts.values()):
             for file in self._disk.files:
                 file.unlink(missing_ok=True)

@@ -113,8 +113,11 @@ def film(path: Path, kind: str, count: int = 100) -> Path:
 
     from garbi_map.stripe import decode
 
-    fourcc = cv2.VideoWriter.fourcc(*"MJPG") if kind == "motion jpeg" else 0
-    writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, fourcc, 50.0, (768, 576))
+    if kind == "motion jpeg":
+        writer = cv2.VideoWriter(str(path), cv2.CAP_OPENCV_MJPEG, cv2.VideoWriter.fourcc(*"MJPG"), 50.0, (768, 576))
+        writer.set(cv2.VIDEOWRITER_PROP_QUALITY, 90)
+    else:
+        writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, 0, 50.0, (768, 576))
     rng = np.random.default_rng(4)
     for number, image in enumerate(open_log([SAMPLE]).images()):
         if number == count:
