@@ -253,6 +253,11 @@ def test_a_device_that_gives_no_jpeg_is_left_to_opencv(monkeypatch: pytest.Monke
     assert frame is not None and isinstance(frame.data, np.ndarray) and frame.data.shape == (48, 64, 3)
 
 
+def test_a_password_is_not_written_down() -> None:
+    """What a stream is called in the log and on the screen."""
+    assert frames_of("rtsp://diver:secret@10.0.0.7/stream").name == "rtsp://10.0.0.7/stream"
+
+
 @pytest.mark.parametrize(
     ("camera", "words"),
     [("nowhere.avi", "no such camera"), ("empty", "no .jpg or .png"), ("text.avi", "not a video that OpenCV reads")],

@@ -6,6 +6,7 @@ What is already JPEG stays as it is, byte for byte; the rest is encoded by `Came
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -122,7 +123,8 @@ class Capture:
     """What OpenCV's VideoCapture opens. Motion JPEG is asked for, and taken as it comes."""
 
     def __init__(self, name: str, kind: str, rate: float | None, size: tuple[int, int] | None, loop: bool) -> None:
-        self.name, self._kind, self._size, self._loop = name, kind, size, loop
+        self.name = re.sub(r"//[^/@]*@", "//", name)  # a password goes neither into the log nor on the screen
+        self._where, self._kind, self._size, self._loop = name, kind, size, loop
         self._wanted_rate = rate
         self.rate = rate if kind == "file" else None
         self._capture: Any = None
@@ -137,15 +139,15 @@ class Capture:
         cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
         self._raw, self._first = True, True
         if self._kind == "device":
-            where: str | int = int(self.name) if self.name.isdecimal() else self.name
+            where: str | int = int(self._where) if self._where.isdecimal() else self._where
             self._capture = cv2.VideoCapture(where, cv2.CAP_V4L2)
             self._configure_device(cv2)
-        elif " ! " in self.name:
+        elif " ! " in self._where:
             self._raw = False
-            self._capture = cv2.VideoCapture(self.name, cv2.CAP_GSTREAMER)
+            self._capture = cv2.VideoCapture(self._where, cv2.CAP_GSTREAMER)
         else:
             waits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, OPENING_MS, cv2.CAP_PROP_READ_TIMEOUT_MSEC, OPENING_MS]
-            self._capture = cv2.VideoCapture(self.name, cv2.CAP_FFMPEG, waits if self._kind == "stream" else [])
+            self._capture = cv2.VideoCapture(self._where, cv2.CAP_FFMPEG, waits if self._kind == "stream" else [])
             motion_jpeg = int(self._capture.get(cv2.CAP_PROP_FOURCC)) == cv2.VideoWriter.fourcc(*"MJPG")
             self._raw = motion_jpeg and self._capture.set(cv2.CAP_PROP_FORMAT, -1)
         if not self._capture.isOpened():

@@ -1,9 +1,10 @@
 """Settings of the recorder."""
 
+import math
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from garbi_map.log.records import Mount
 from garbi_map.settings import Settings
@@ -26,6 +27,13 @@ class MountSettings(Settings):
 
     xyz: tuple[float, float, float] = Field((0.0, 0.0, 0.0), description="m")
     quaternion_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+
+    @field_validator("quaternion_xyzw")
+    @classmethod
+    def _unit(cls, value: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+        if not 0.99 < math.hypot(*value) < 1.01:
+            raise ValueError("not a unit quaternion")
+        return value
 
     def mount(self) -> Mount:
         """As the log has it."""
