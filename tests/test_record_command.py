@@ -46,7 +46,7 @@ def wait_for_bytes(path: Path, least: int) -> None:
     wait_for(lambda: path.exists() and path.stat().st_size >= least)
 
 
-def test_a_folder_is_recorded_to_its_end_and_the_log_is_mapped(garbi: Garbi, images: Path, tmp_path: Path) -> None:
+def test_a_folder_is_recorded_to_its_end_and_not_overwritten(garbi: Garbi, images: Path, tmp_path: Path) -> None:
     """Exit status 0, the files named; a second time it is refused, and --force overwrites."""
     log = tmp_path / "dive.mcap"
     ended = garbi("record", "-o", log, "--camera", images, "--rate", 50)

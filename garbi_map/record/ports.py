@@ -20,7 +20,10 @@ class PortTrouble(Exception):
 
 
 class Port(Protocol):
-    """A source of bytes. `name` is what the user called it; `wire` the seconds that a byte takes."""
+    """A source of bytes.
+
+    name  what the user called it;  wire: seconds that a byte takes;  hint: what to look at when nothing can be read
+    """
 
     name: str
     wire: float
