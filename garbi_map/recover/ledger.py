@@ -36,6 +36,7 @@ class Ledger:
 
     index       the log's own, where it can be trusted: it says what there should be
     bare        chunks without a checksum; loose: messages outside of chunks
+    moved       chunks stood in each other's place
     ended       the data are there to their end
     whole_holds whether the checksum of all data holds; None where there is none, or other damage makes it useless
     """
@@ -52,8 +53,10 @@ class Ledger:
     damages: list[_Damage] = field(default_factory=list)
     bare: int = 0
     loose: int = 0
+    moved: bool = False
     ended: bool = False
     whole_holds: bool | None = None
+    _begun: int | None = None  # first log time of the last sound chunk, ns
     _first: int | None = None
     _last: int | None = None
 
@@ -78,6 +81,10 @@ class Ledger:
 
     def sound_from(self, log_time: int) -> None:
         """A sound chunk begins: damage before it, of unknown times, was before that."""
+        if self._begun is not None and log_time < self._begun:
+            back = (self._begun - log_time) * 1e-9
+            self.notes.append(f"a chunk begins {back:.2f} s before the one in front of it; it stays where it was")
+        self._begun = log_time
         for damage in reversed(self.damages):
             if damage.end is not None:
                 break
@@ -181,6 +188,8 @@ class Ledger:
     def _all_notes(self, index_damage: str) -> Iterable[str]:
         if index_damage:
             yield f"its own index could not be used ({index_damage}); a new one was made"
+        if self.moved:
+            yield "chunks stood in each other's place; they are in their own again"
         yield from self.notes
         for damage in self.damages:
             if damage.expected is not None and not damage.expected and not damage.kept:

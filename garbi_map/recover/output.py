@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import BinaryIO
 
 from mcap.reader import SeekingReader
-from mcap.records import Attachment, Channel, Metadata, Schema
+from mcap.records import Attachment, Channel, Chunk, Message, Metadata, Schema
+from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType, Writer
 
 from garbi_map.errors import GarbiError
@@ -118,30 +119,35 @@ class Output:
 
 
 def verify(path: Path, expected: Content, advance: Callable[[int], None]) -> None:
-    """Read a log back with the `mcap` library, checksums validated, and compare; advance is told each message's bytes.
+    """Read a log back with the `mcap` library, checksums validated, and compare; advance is told each chunk's bytes.
 
     Raises GarbiError where it is not what was written.
     """
     found = Content()
+    chunks = 0
     try:
         with path.open("rb") as file:
-            reader = SeekingReader(file, validate_crcs=True)
-            summary = reader.get_summary()
+            summary = SeekingReader(file).get_summary()
             if summary is None or summary.statistics is None:
                 raise ValueError("no index")
             for number, channel in summary.channels.items():
                 found.channel(number, channel, summary.schemas.get(channel.schema_id))
-            for _, channel, message in reader.iter_messages(log_time_order=False):
-                times = (message.sequence, message.log_time, message.publish_time)
-                found.message(channel.id, *times, message.data)
-                advance(len(message.data))
-            for attachment in reader.iter_attachments():
-                found.attachment(attachment)
-            for record in reader.iter_metadata():
-                found.metadata(record)
+            file.seek(0)
+            for record in StreamReader(file, emit_chunks=True, validate_crcs=True).records:
+                if isinstance(record, Attachment):
+                    found.attachment(record)
+                elif isinstance(record, Metadata):
+                    found.metadata(record)
+                elif isinstance(record, Chunk):
+                    chunks += 1
+                    for inner in breakup_chunk(record, validate_crc=True):
+                        if isinstance(inner, Message):
+                            times = (inner.sequence, inner.log_time, inner.publish_time)
+                            found.message(inner.channel_id, *times, inner.data)
+                    advance(len(record.data))
             counted = summary.statistics.channel_message_counts
     except (*DAMAGE, OSError, KeyError) as error:
         raise GarbiError(f"{path}: what was written cannot be read back ({error}); check the disk") from error
-    sound = {number: count for number, count in found.counts.items() if count} == dict(counted)
-    if not sound or found.digest() != expected.digest():
+    indexed = {number: count for number, count in found.counts.items() if count} == dict(counted)
+    if not indexed or chunks != len(summary.chunk_indexes) or found.digest() != expected.digest():
         raise GarbiError(f"{path}: what was read back is not what was written; check the disk and the memory")

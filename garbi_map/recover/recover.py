@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import BinaryIO
 
+from mcap.opcode import Opcode
+
 from garbi_map.aside import written_aside
 from garbi_map.errors import GarbiError
-from garbi_map.log.chunks import DAMAGE, MAGIC, reason
+from garbi_map.log.chunks import CHUNK_HEAD, DAMAGE, MAGIC, RECORD, read_at, reason
 from garbi_map.log.index import Index
 from garbi_map.log.summary import index_from_summary
-from garbi_map.log.survey import survey
+from garbi_map.log.survey import Frame, survey
 from garbi_map.progress import Progress, Silent
+from garbi_map.recover.ledger import Ledger
 from garbi_map.recover.output import verify
 from garbi_map.recover.report import Recovery
 from garbi_map.recover.source import UNPROVEN, Source
@@ -40,7 +44,7 @@ def recover(source: Path, target: Path, progress: Progress | None = None) -> Rec
                 watched.stage("Salvaging", max(size // MEGABYTE, 1))
                 megabytes = _Megabytes(watched)
                 read = Source(file, size, index, out)
-                for frame in survey(file, size):
+                for frame in _in_order(file, size, read.ledger):
                     read.take(frame)
                     megabytes.add(frame.length)
                 read.finish()
@@ -71,6 +75,28 @@ def _sound_index(path: Path, file: BinaryIO, size: int) -> tuple[Index | None, s
         return index_from_summary(path, file, size), ""
     except DAMAGE as error:
         return None, reason(error)
+
+
+def _in_order(file: BinaryIO, size: int, ledger: Ledger) -> Iterable[Frame]:
+    """The records of a file; where chunks changed places, as its own index tells, in the order in which they were."""
+    index = ledger.index
+    if index is None:
+        return survey(file, size)
+    announced = {piece.offset: (piece.begin, piece.end) for piece in index.pieces}
+    places = {times: offset for offset, times in announced.items()}
+
+    def place(frame: Frame) -> int:
+        return places.get(_times(file, frame), frame.offset) if frame.opcode == Opcode.CHUNK else frame.offset
+
+    if all(place(frame) == frame.offset for frame in survey(file, size)):
+        return survey(file, size)
+    ledger.moved = True
+    return sorted(survey(file, size), key=place)
+
+
+def _times(file: BinaryIO, frame: Frame) -> tuple[int, int]:
+    """First and last log time that a chunk's head states."""
+    return CHUNK_HEAD.unpack(read_at(file, frame.offset + RECORD.size, CHUNK_HEAD.size))[:2]
 
 
 def _refuse(source: Path, target: Path) -> None:

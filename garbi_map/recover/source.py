@@ -140,7 +140,7 @@ class Source:
             if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                 self._define(opcode, content, protected=True)
         messages = list(chunks.messages(buffer, range(1 << 16)))
-        nameless = Counter(message.channel for message in messages if message.channel not in self._channels)
+        nameless = Counter(message.channel for message in messages if not self._named(message.channel))
         if nameless and not last:
             self._waiting.append(frame)
             return
@@ -154,8 +154,8 @@ class Source:
         for message in messages:
             if message.channel in self._channels:
                 self._write(message, proven=True)
-        if nameless:
-            lost = Counter({self._topic(-1): nameless.total()})
+        lost = Counter({self._topic(number): n for number, n in nameless.items() if number not in self._channels})
+        if lost:
             self.ledger.damaged(frame, "the name of a topic was lost", expected=lost)
 
     def _loose(self, message: RawMessage) -> None:
@@ -174,6 +174,11 @@ class Source:
             self._numbers[message.channel, proven] = channel, number
         self.output.message(number, message)
         self.ledger.wrote(channel.topic, self._type(channel), message.log_time, proven)
+
+    def _named(self, channel: int) -> bool:
+        """Whether both the topic and its type are known by now."""
+        known = self._channels.get(channel)
+        return known is not None and (known.schema_id == 0 or known.schema_id in self._schemas)
 
     def _type(self, channel: mcap_records.Channel) -> str:
         return self._schemas[channel.schema_id].name if channel.schema_id in self._schemas else ""
@@ -205,7 +210,8 @@ class Source:
         """All data before the end may have a checksum; it is what protects metadata and messages outside of chunks."""
         crc = int.from_bytes(self._content(frame), "little")
         self.ledger.ended = True
-        if not crc or self.ledger.damages or not (self.ledger.metadata or self.ledger.loose):
+        spoiled = self.ledger.damages or self.ledger.repaired or self.ledger.moved
+        if not crc or spoiled or not (self.ledger.metadata or self.ledger.loose):
             return
         found = 0
         for start in range(0, frame.offset, BLOCK):

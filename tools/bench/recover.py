@@ -27,7 +27,7 @@ from typing import Any
 
 import numpy as np
 from mcap.reader import make_reader
-from mcap.records import Attachment, ChunkIndex, Message, Metadata
+from mcap.records import Attachment, Channel, Chunk, ChunkIndex, Message, Metadata
 from mcap.stream_reader import StreamReader, breakup_chunk
 
 from garbi_map.errors import GarbiError
@@ -150,13 +150,13 @@ def contents(path: Path) -> tuple[Contents, Contents, list[Any]]:
         for record in StreamReader(file, emit_chunks=True).records:
             if isinstance(record, Attachment | Metadata):
                 others.append(record)
-            for inner in breakup_chunk(record, validate_crc=True) if hasattr(record, "uncompressed_crc") else ():
+            for inner in breakup_chunk(record, validate_crc=True) if isinstance(record, Chunk) else ():
                 if isinstance(inner, Message):
                     topic = topics[inner.channel_id]
                     found = unproven if topic.startswith(UNPROVEN) else proven
                     key = _key(topic.removeprefix(UNPROVEN), inner.log_time, inner.publish_time, inner.data)
                     found[key] += 1
-                elif hasattr(inner, "topic"):
+                elif isinstance(inner, Channel):
                     topics[inner.id] = inner.topic
     return proven, unproven, others
 
