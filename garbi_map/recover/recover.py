@@ -86,7 +86,10 @@ def _in_order(file: BinaryIO, size: int, ledger: Ledger) -> Iterable[Frame]:
     places = {times: offset for offset, times in announced.items()}
 
     def place(frame: Frame) -> int:
-        return places.get(_times(file, frame), frame.offset) if frame.opcode == Opcode.CHUNK else frame.offset
+        if frame.opcode != Opcode.CHUNK:
+            return frame.offset
+        times = _times(file, frame)
+        return frame.offset if announced.get(frame.offset) == times else places.get(times, frame.offset)
 
     if all(place(frame) == frame.offset for frame in survey(file, size)):
         return survey(file, size)
