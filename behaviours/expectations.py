@@ -189,7 +189,8 @@ class Plan(Settings):
                 item = {item: {}}
             if isinstance(item, dict) and len(item) == 1 and "kind" not in item:
                 ((kind, fields),) = item.items()
-                item = {"kind": kind, **(fields or {})}
+                fields = {} if fields is None else fields
+                item = {"kind": kind, **fields} if isinstance(fields, dict) else {"kind": kind, "": fields}
             listed.append(item)
         return {**value, "expectations": listed}
 

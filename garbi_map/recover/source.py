@@ -83,7 +83,10 @@ class Source:
     def finish(self) -> None:
         """Nothing more comes."""
         for frame in self._waiting:
-            self._pass_on(frame, chunks.unpack_chunk(self._content(frame)), last=True)
+            try:
+                self._chunk(frame, last=True)
+            except DAMAGE as error:
+                self.ledger.damaged(frame, reason(error))
         self.ledger.close(self.size)
         self.output.finish()
 
@@ -93,7 +96,8 @@ class Source:
     def _topic(self, channel: int) -> str:
         return self._channels[channel].topic if channel in self._channels else "a topic whose name was lost"
 
-    def _chunk(self, frame: Frame) -> None:
+    def _chunk(self, frame: Frame, last: bool = False) -> None:
+        """Take in a chunk; unless it is the last chance, topics whose names are not known yet are waited for."""
         self._chunked = True
         content = self._content(frame)
         head = chunks.chunk_head(content, whole=False)
@@ -102,23 +106,28 @@ class Source:
                 raise Damaged("the file ends inside a chunk; what came after is not known")
             if self._checksums and not head.crc:
                 raise Damaged("checksum overwritten")
-            self._pass_on(frame, chunks.unpack_chunk(content))
+            if self._pass_on(frame, chunks.unpack_chunk(content), last):
+                self.ledger.bare += not head.crc
             self._checksums |= bool(head.crc)
-            self.ledger.bare += not head.crc
         except DAMAGE as error:
-            self._damaged_chunk(frame, head, content, reason(error))
+            if not self._turned_bit(frame, head, content, last):
+                self._damaged_chunk(frame, head, content, reason(error))
+
+    def _turned_bit(self, frame: Frame, head: ChunkHead, content: memoryview, last: bool) -> bool:
+        """Whether one wrong bit was all, and the chunk is dealt with."""
+        data = salvage.decoded_part(content)
+        if not head.crc or len(data) != head.size or frame.why:
+            return False
+        found = salvage.repaired(data, head.crc)
+        try:
+            if found is not None and self._pass_on(frame, found.data, last):
+                self.ledger.repair(frame, found.place, len(data))
+        except DAMAGE:
+            return False
+        return found is not None
 
     def _damaged_chunk(self, frame: Frame, head: ChunkHead, content: memoryview, why: str) -> None:
         data = salvage.decoded_part(content)
-        turned = salvage.repaired(data, head.crc) if head.crc and len(data) == head.size and not frame.why else None
-        if turned is not None:
-            try:
-                self._pass_on(frame, turned.data)
-            except Damaged:
-                data = turned.data
-            else:
-                self.ledger.repair(frame, turned.place, len(turned.data))
-                return
         known = set(self._channels)
         for opcode, record in salvage.definitions(data):
             self._define(opcode, record, protected=False)
@@ -131,8 +140,8 @@ class Source:
         sound_times = head.begin <= head.end < head.begin + DAY
         self.ledger.damaged(frame, why, (head.begin, head.end) if sound_times else None, kept)
 
-    def _pass_on(self, frame: Frame, buffer: memoryview, last: bool = False) -> None:
-        """Write a sound chunk's messages; unless it is the last chance, names that are not known yet are waited for.
+    def _pass_on(self, frame: Frame, buffer: memoryview, last: bool) -> bool:
+        """Write a sound chunk's messages; False where it waits.
 
         Raises Damaged, before anything is written, where its records do not fit.
         """
@@ -143,11 +152,11 @@ class Source:
         nameless = Counter(message.channel for message in messages if not self._named(message.channel))
         if nameless and not last:
             self._waiting.append(frame)
-            return
+            return False
         stamp = (zlib.crc32(buffer), len(buffer), messages[0].log_time, messages[-1].log_time) if messages else None
         if stamp in self._seen:
             self.ledger.notes.append(f"byte {frame.offset:,}: a chunk that stands elsewhere too, written once")
-            return
+            return True
         if stamp is not None:
             self._seen.add(stamp)
             self.ledger.sound_from(messages[0].log_time)
@@ -157,6 +166,7 @@ class Source:
         lost = Counter({self._topic(number): n for number, n in nameless.items() if number not in self._channels})
         if lost:
             self.ledger.damaged(frame, "the name of a topic was lost", expected=lost)
+        return True
 
     def _loose(self, message: RawMessage) -> None:
         """A message outside of chunks is proven by nothing; where there are chunks, it is the debris of one."""
