@@ -83,12 +83,12 @@ def test_damage_of_every_kind(name: str, tmp_path: Path) -> None:
 
 
 def test_what_was_lost_is_told_by_topic_and_time(sound: Path, tmp_path: Path, garbi: Garbi) -> None:
-    """A chunk whose header is gone: its messages are counted exactly, its time is that of the chunk."""
-    offset, _, begin, end = chunk_of(sound, 8)
+    """A chunk that is gone: its messages are counted exactly, its time is that of the chunk."""
+    offset, length, begin, end = chunk_of(sound, 8)
     gone = topics_between(sound, begin, end)
     lost = tmp_path / "lost.mcap"
     lost.write_bytes(sound.read_bytes())
-    overwrite(lost, offset, bytes(40))
+    overwrite(lost, offset, bytes(length))
     ended = garbi("recover", lost, "-o", tmp_path / "out.mcap", "--json")
     told = json.loads(ended.out)
     assert ended.status == 3
@@ -99,6 +99,16 @@ def test_what_was_lost_is_told_by_topic_and_time(sound: Path, tmp_path: Path, ga
     assert stretch["end_s"] == pytest.approx((end - START) * 1e-9)
     kept = topics_between(tmp_path / "out.mcap", 0, 1 << 62)
     assert kept + Counter(stretch["lost"]) == topics_between(sound, 0, 1 << 62)
+
+
+def test_a_chunk_without_its_head(sound: Path, tmp_path: Path) -> None:
+    """Where data are not packed, the messages inside are found, and are not proven."""
+    offset, _, _, _ = chunk_of(sound, 8)
+    truth = messages_of(sound)[0]
+    overwrite(sound, offset, bytes(40))
+    recover(sound, tmp_path / "out.mcap")
+    proven, unproven, _ = messages_of(tmp_path / "out.mcap")
+    assert proven + unproven == truth and unproven.total() > 5
 
 
 def test_one_wrong_bit_is_found_and_turned(sound: Path, tmp_path: Path) -> None:

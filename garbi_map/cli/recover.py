@@ -42,7 +42,7 @@ def _print(found: Recovery) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from garbi_map.words import many
+    from garbi_map.words import many, printable
 
     console = Console(highlight=False)
     table = Table()
@@ -51,7 +51,8 @@ def _print(found: Recovery) -> None:
     for name, tally in found.topics.items():
         at_least = f"{tally.lost_at_least:,} or more" if tally.lost_at_least else "unknown"
         lost = at_least if tally.lost is None else f"{tally.lost:,}"
-        table.add_row(Text(name), Text(tally.type.rpartition("/")[2]), f"{tally.proven:,}", f"{tally.unproven:,}", lost)
+        words = (Text(printable(text)) for text in (name, tally.type.rpartition("/")[2]))
+        table.add_row(*words, f"{tally.proven:,}", f"{tally.unproven:,}", lost)
     console.print(table)
     for style, word, lines in (
         ("red", "lost", [*(stretch.line() for stretch in found.stretches), *found.records_lost]),
@@ -59,7 +60,7 @@ def _print(found: Recovery) -> None:
         ("dim", "note", found.notes),
     ):
         for line in lines[:MOST_LINES]:
-            console.print(Text.assemble((word, style), f" {line}"), soft_wrap=True)
+            console.print(Text.assemble((word, style), f" {printable(line)}"), soft_wrap=True)
         if len(lines) > MOST_LINES:
             console.print(f"and {len(lines) - MOST_LINES} more; --json has them all")
     if any(tally.unproven for tally in found.topics.values()):
@@ -70,4 +71,4 @@ def _print(found: Recovery) -> None:
     attached = f", {many(len(found.attachments), 'attachment')}" if found.attachments else ""
     state = "nothing was lost" if found.lossless else "the rest is written"
     summary = f"{found.output}: {many(found.messages, 'message')}{attached}, read back and verified; {state}"
-    console.print(Text(summary), soft_wrap=True)
+    console.print(Text(printable(summary)), soft_wrap=True)

@@ -21,6 +21,7 @@ from mcap.records import Attachment
 
 MAGIC = b"\x89MCAP0\r\n"
 MAX_CHUNK = 1 << 30  # bytes; what a hostile header may make us allocate
+AT_ONCE = 1 << 22  # bytes; a larger chunk is decompressed in pieces of these
 MAX_RECORD = MAX_CHUNK + (1 << 16)  # bytes, packed
 RECORD = struct.Struct("<BQ")
 CHUNK_HEAD = struct.Struct("<QQQII")
@@ -28,6 +29,8 @@ MESSAGE_HEAD = struct.Struct("<HIQQ")
 MESSAGE_START = struct.Struct("<BQH")
 MESSAGE = int(Opcode.MESSAGE)
 DAMAGE = (struct.error, ValueError, IndexError, EOFError, OverflowError, MemoryError, McapError)
+
+UNPACKABLE = (zstandard.ZstdError, RuntimeError, ValueError, EOFError)
 
 
 class Damaged(ValueError):
@@ -91,7 +94,7 @@ def unpack_chunk(content: memoryview) -> memoryview:
     packed = content[head.data_start :]
     try:
         data = _decompress(packed, head)
-    except (zstandard.ZstdError, RuntimeError, ValueError, EOFError) as error:
+    except UNPACKABLE as error:
         raise Damaged("compressed data unreadable") from error
     if len(data) != head.size:
         raise Damaged("chunk of the wrong length")
@@ -103,6 +106,9 @@ def unpack_chunk(content: memoryview) -> memoryview:
 def _decompress(packed: memoryview, head: ChunkHead) -> bytes | memoryview:
     if head.compression == b"":
         return packed
+    if head.size > AT_ONCE:
+        # what is allocated is what was decoded so far, whatever the head claims
+        return b"".join(decoded(packed, head, AT_ONCE))
     if head.compression == b"zstd":
         # the frame states its own size, which is what would be allocated
         if zstandard.frame_content_size(packed) not in (-1, head.size):
@@ -111,6 +117,28 @@ def _decompress(packed: memoryview, head: ChunkHead) -> bytes | memoryview:
     if head.compression == b"lz4":
         return bytes(lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=head.size))
     raise Damaged("unknown compression")
+
+
+def decoded(packed: memoryview, head: ChunkHead, step: int) -> Iterator[bytes | memoryview]:
+    """A chunk's data in pieces of up to `step` bytes, not much more than its head states in all; raises what the decoder
+    raises where the stream is damaged."""
+    left = head.size
+    if head.compression == b"zstd":
+        with zstandard.ZstdDecompressor().stream_reader(BytesIO(packed)) as stream:
+            while left > 0 and (piece := stream.read(step)):
+                left -= len(piece)
+                yield piece
+    elif head.compression == b"lz4":
+        decoder = lz4.frame.LZ4FrameDecompressor()
+        piece = bytes(decoder.decompress(packed, max_length=step))
+        while piece and left > 0:
+            left -= len(piece)
+            yield piece
+            piece = b"" if decoder.eof else bytes(decoder.decompress(b"", max_length=step))
+    elif head.compression == b"":
+        yield packed[:left]
+    else:
+        raise Damaged("unknown compression")
 
 
 def records(buffer: memoryview) -> Iterator[tuple[int, memoryview]]:

@@ -8,16 +8,13 @@ from __future__ import annotations
 import re
 import zlib
 from collections.abc import Container, Iterator
-from io import BytesIO
 from typing import NamedTuple
 
-import lz4.frame
-import zstandard
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 
 from garbi_map.log import chunks
-from garbi_map.log.chunks import DAMAGE, MESSAGE_HEAD, RECORD, ChunkHead, RawMessage
+from garbi_map.log.chunks import DAMAGE, MESSAGE_HEAD, RECORD, RawMessage
 
 STEP = 1 << 14  # bytes that a damaged stream is asked for at once: so many are lost at its break
 MOST_REPAIRED = 1 << 23  # bytes; in a larger chunk a wrong bit would be found by chance in 1 of 64
@@ -53,34 +50,15 @@ def repaired(data: memoryview, crc: int) -> Repaired | None:
 
 def decoded_part(content: memoryview) -> memoryview:
     """The data of a chunk record's content as far as its stream can be read; never raises on damage."""
+    pieces: list[bytes | memoryview] = []
+    size = 0
     try:
         head = chunks.chunk_head(content, whole=False)
         size = min(head.size, chunks.MAX_CHUNK)
-        return memoryview(b"".join(_decoded(content[head.data_start :], head, size))[:size])
-    except DAMAGE:
-        return memoryview(b"")
-
-
-def _decoded(packed: memoryview, head: ChunkHead, size: int) -> Iterator[bytes | memoryview]:
-    """Pieces of the data, not much more than `size` bytes, up to the first that the stream does not give."""
-    left = size
-    try:
-        if head.compression == b"zstd":
-            with zstandard.ZstdDecompressor().stream_reader(BytesIO(packed)) as stream:
-                while left > 0 and (piece := stream.read(STEP)):
-                    left -= len(piece)
-                    yield piece
-        elif head.compression == b"lz4":
-            decoder = lz4.frame.LZ4FrameDecompressor()
-            piece = bytes(decoder.decompress(packed, max_length=STEP))
-            while piece and left > 0:
-                left -= len(piece)
-                yield piece
-                piece = b"" if decoder.eof else bytes(decoder.decompress(b"", max_length=STEP))
-        elif head.compression == b"":
-            yield packed[:size]
-    except (zstandard.ZstdError, RuntimeError, ValueError, EOFError, MemoryError):
-        return
+        pieces.extend(chunks.decoded(content[head.data_start :], head._replace(size=size), STEP))
+    except (*DAMAGE, *chunks.UNPACKABLE):
+        pass
+    return memoryview(b"".join(pieces))[:size]
 
 
 def definitions(buffer: memoryview) -> Iterator[tuple[int, memoryview]]:
@@ -90,10 +68,10 @@ def definitions(buffer: memoryview) -> Iterator[tuple[int, memoryview]]:
             yield opcode, content
 
 
-def messages(buffer: memoryview, channels: Container[int], head: ChunkHead) -> Iterator[RawMessage]:
-    """The messages of known channels in a damaged buffer, in the order of writing: those whose log times lie between the
-    chunk's first and last, and that another record or the end follows."""
-    for opcode, content in _plausible(buffer, channels, head.begin, head.end):
+def messages(buffer: memoryview, channels: Container[int], begin: int, end: int) -> Iterator[RawMessage]:
+    """The messages of known channels in a damaged buffer, in the order of writing: those whose log times lie from begin to
+    end, ns, and that another record or the end follows."""
+    for opcode, content in _plausible(buffer, channels, begin, end):
         if opcode == Opcode.MESSAGE:
             yield chunks.raw_message(content)
 

@@ -79,6 +79,15 @@ class Ledger:
         begin, end = times if times else (self._last, None)
         self.damages.append(_Damage(frame, why, begin, end, kept or Counter(), expected, frame.end))
 
+    def times_in(self, frame: Frame) -> tuple[int, int] | None:
+        """First and last log time, ns, of the chunks that the index has in a stretch, None where it has none."""
+        inside = self._inside(frame)
+        return (min(piece.begin for piece in inside), max(piece.end for piece in inside)) if inside else None
+
+    def _inside(self, frame: Frame) -> list[Piece]:
+        pieces = self.index.pieces if self.index else ()
+        return [piece for piece in pieces if frame.offset <= piece.offset < frame.end]
+
     def sound_from(self, log_time: int) -> None:
         """A sound chunk begins: damage before it, of unknown times, was before that."""
         if self._begun is not None and log_time < self._begun:
@@ -122,11 +131,10 @@ class Ledger:
 
     def _look_up(self, damage: _Damage, index: Index) -> None:
         """Times and messages of the chunks that lay in a damaged stretch, from the index."""
-        inside = [piece for piece in index.pieces if damage.frame.offset <= piece.offset < damage.frame.end]
-        if inside:
-            damage.begin, damage.end = min(p.begin for p in inside), max(p.end for p in inside)
+        times = self.times_in(damage.frame)
+        damage.begin, damage.end = times if times else (damage.begin, damage.end)
         if damage.expected is None:
-            damage.expected = _indexed(index, inside)
+            damage.expected = _indexed(index, self._inside(damage.frame))
 
     def report(self, source: Path, output: Path, size: int, index_damage: str) -> Recovery:
         """What became of the log. index_damage: why its own index was not to be trusted, "" where it was."""

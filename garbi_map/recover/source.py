@@ -20,7 +20,7 @@ from garbi_map.recover.output import Output
 UNPROVEN = "/unproven"
 PROFILES = ("ros1", "ros2")
 NEAR_BEGIN = 100  # records among which the first chunk is looked for
-BLOCK = 1 << 20
+BLOCK, LOST_BLOCK = 1 << 20, 1 << 26  # bytes that are read at once
 DAY = 86_400_000_000_000  # ns; a chunk does not hold more
 
 
@@ -60,8 +60,8 @@ class Source:
         """Take in a record, or what is none."""
         try:
             if frame.opcode == LOST:
-                raise Damaged(frame.why)
-            if frame.opcode == Opcode.CHUNK:
+                self._lost(frame)
+            elif frame.opcode == Opcode.CHUNK:
                 self._chunk(frame)
             elif frame.opcode == Opcode.MESSAGE_INDEX:
                 self.ledger.announce(frame, self._content(frame), self._topic)
@@ -133,12 +133,25 @@ class Source:
             self._define(opcode, record, protected=False)
         for number in sorted(self._channels.keys() - known):
             self.ledger.notes.append(f"the name of {self._topic(number)} is from a damaged chunk, nothing proves it")
+        times = (head.begin, head.end) if head.begin <= head.end < head.begin + DAY else None
+        self.ledger.damaged(frame, why, times, self._plausible(data, times))
+
+    def _lost(self, frame: Frame) -> None:
+        """Bytes that are no record: the inside of a chunk that lost its head, which is readable where it was not packed."""
+        times = self.ledger.times_in(frame)
         kept: Counter[str] = Counter()
-        for message in salvage.messages(data, self._channels, head):
+        for start in range(frame.offset, frame.end if times else frame.offset, LOST_BLOCK):
+            block = chunks.read_at(self.file, start, min(LOST_BLOCK, frame.end - start))
+            kept += self._plausible(block, times)
+        self.ledger.damaged(frame, frame.why, times, kept)
+
+    def _plausible(self, data: memoryview, times: tuple[int, int] | None) -> Counter[str]:
+        """Write what looks like messages of these times as unproven; how many of each topic."""
+        kept: Counter[str] = Counter()
+        for message in salvage.messages(data, self._channels, *times) if times else ():
             self._write(message, proven=False)
             kept[self._topic(message.channel)] += 1
-        sound_times = head.begin <= head.end < head.begin + DAY
-        self.ledger.damaged(frame, why, (head.begin, head.end) if sound_times else None, kept)
+        return kept
 
     def _pass_on(self, frame: Frame, buffer: memoryview, last: bool) -> bool:
         """Write a sound chunk's messages; False where it waits.

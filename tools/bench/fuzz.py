@@ -112,7 +112,7 @@ def parsers(folder: Path) -> list[Parser]:
             head = chunks.chunk_head(memoryview(data), whole=False)
         except DAMAGE:
             return
-        list(salvage.messages(found, range(100), head))
+        list(salvage.messages(found, range(100), head.begin, head.end))
         chunks.unpack_chunk(memoryview(data))
 
     def file_of(read: Callable[[Path], object]) -> Callable[[bytes], object]:
