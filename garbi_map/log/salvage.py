@@ -64,7 +64,7 @@ def decoded_part(content: memoryview) -> memoryview:
 def definitions(buffer: memoryview) -> Iterator[tuple[int, memoryview]]:
     """(opcode, content) of the schemas and channels in a damaged buffer whose parts add up."""
     for opcode, content in _plausible(buffer, range(1 << 16), 0, 1 << 64):
-        if opcode != Opcode.MESSAGE:
+        if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
             yield opcode, content
 
 
@@ -109,7 +109,7 @@ def _record_end(buffer: memoryview, position: int, channels: Container[int], beg
                 return None
         except DAMAGE:
             return None
-    else:
+    elif opcode != Opcode.MESSAGE_INDEX or length != 6 + int.from_bytes(content[2:6], "little"):
         return None
     return int(position + RECORD.size + length)
 

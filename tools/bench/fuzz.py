@@ -128,7 +128,7 @@ def parsers(folder: Path) -> list[Parser]:
     logs_chunks = [log[start + 9 : end] for log in logs for start, end in chunk_places(log)][:9]
     bodies = [one for group in messages.values() for one in group]
     found = [
-        Parser("log", read_log, (GarbiError,), logs, 0.02, lambda r: believed(r, bodies)),
+        Parser("log", read_log, (GarbiError,), logs, 0.006, lambda r: believed(r, bodies)),
         Parser(
             "garbi recover",
             read_recovered,
@@ -140,9 +140,9 @@ def parsers(folder: Path) -> list[Parser]:
         Parser("chunk", read_chunk, DAMAGE, logs_chunks, 0.10),
         Parser("image file", lambda data: decode(Image(0, 0, "jpeg", data)), (UnusableImage,), pictures(), 0.08),
         Parser("rig.yaml", text_of(parse_rig), (GarbiError,), [(open_log([SAMPLE]).rig_text or "").encode()], 0.02),
-        Parser("target.yaml", text_of(parse_target), (GarbiError,), targets(), 0.06),
-        Parser("behaviours and expectations", text_of(parse_plan), (GarbiError,), [plan()], 0.05),
-        Parser("configuration", file_of(load_config), (GarbiError,), configurations(), 0.04),
+        Parser("target.yaml", text_of(parse_target), (GarbiError,), targets(), 0.03),
+        Parser("behaviours and expectations", text_of(parse_plan), (GarbiError,), [plan()], 0.03),
+        Parser("configuration", file_of(load_config), (GarbiError,), configurations(), 0.03),
         Parser("camera_info", file_of(read_camera_info), (GarbiError,), [camera_info()], 0.02),
     ]
     share = (1 - sum(parser.share for parser in found)) / 9

@@ -1,6 +1,6 @@
 """Damaged logs, and what `garbi recover` and `rerun mcap convert --recover` get back of them.
 
-    python -m tools.bench.recover [--share 0.1] [-o tools/bench/results]
+    python -m tools.bench.recover [--share 0.1] [--only zstd] [--rerun-every 10] [-o tools/bench/results]
 
 A log of about 2 MB is written with each compression and damaged: cut short at 200 places, 1,000 single bits turned, blocks
 of zeros, chunks that changed places, the end missing, blocks copied over others. Every message that comes back is
@@ -18,7 +18,7 @@ import subprocess
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from hashlib import blake2b
 from importlib.resources import files
@@ -205,6 +205,8 @@ HEADINGS = {
     "share": "right messages, with unproven",
     "wrong_as_sound": "wrong messages given as sound",
     "wrong_told": "wrong messages among the unproven",
+    "compared": "cases given to both",
+    "share_compared": "right messages of those",
     "rerun_share": "rerun: right messages",
     "below": "cases with fewer right messages than rerun",
     "rerun_wrong": "rerun: wrong messages given as sound",
@@ -219,7 +221,8 @@ class Row:
 
     wrong_as_sound   messages that were never written, given as sound; wrong_told: the same, given as unproven
     silent           cases that are neither identical nor reported
-    below            cases in which fewer right messages come back than from the other program
+    compared         cases that the other program was given, too; share_compared: our share of those
+    below            of those, in which fewer right messages come back than from the other program
     """
 
     cases: int = 0
@@ -232,6 +235,8 @@ class Row:
     wrong_as_sound: int = 0
     wrong_told: int = 0
     seconds: float = 0.0
+    compared: int = 0
+    share_compared: float = 0.0
     rerun_nothing: int = 0
     rerun_hung: int = 0
     rerun_share: float = 0.0
@@ -267,6 +272,8 @@ def judge(row: Row, log: Path, truth: Contents, others: list[Any], other_program
     row.wrong_told += (unproven - truth).total()
     if other_program:
         theirs = rerun_contents(log, log.with_suffix(".rrd"))
+        row.compared += 1
+        row.share_compared += right / total
         row.rerun_nothing += theirs is None
         row.rerun_hung += theirs is HUNG
         right_theirs = ((theirs or Counter()) & truth).total()
@@ -280,16 +287,20 @@ Rows = dict[str, dict[str, Row]]
 """compression -> kind of damage -> row"""
 
 
-def measure(share: float, scratch: Path, keep: Callable[[Rows], None], other_program: bool = True) -> Rows:
-    """keep is given the rows so far, now and then."""
+def measure(
+    share: float, scratch: Path, keep: Callable[[Rows], None], only: Sequence[str] = tuple(COMPRESSIONS), every: int = 1
+) -> Rows:
+    """keep is given the rows so far, now and then; the other program is given every so many-th case of a kind."""
     rows: Rows = {}
-    for name, compression in COMPRESSIONS.items():
+    for name in only:
+        compression = COMPRESSIONS[name]
         sound = write_log(scratch / f"{name}.mcap", compression)
         truth, _, others = contents(sound)
         log = scratch / "damaged.mcap"
         for number, (kind, data) in enumerate(damaged(sound.read_bytes(), share)):
             log.write_bytes(data)
-            judge(rows.setdefault(name, {}).setdefault(kind, Row()), log, truth, others, other_program)
+            row = rows.setdefault(name, {}).setdefault(kind, Row())
+            judge(row, log, truth, others, other_program=row.cases % every == 0)
             if number % 100 == 99:
                 keep(rows)
     keep(rows)
@@ -309,8 +320,8 @@ def table(rows: Rows) -> str:
         "wrong_as_sound",
         "wrong_told",
     ]
-    theirs = ["cases", "share", "rerun_share", "below", "wrong_as_sound", "rerun_wrong", "nothing", "rerun_nothing"]
-    return f"{_table(rows, ours)}\n{_table(rows, [*theirs, 'rerun_hung'])}"
+    theirs = ["compared", "share_compared", "rerun_share", "below", "rerun_wrong", "rerun_nothing", "rerun_hung"]
+    return f"{_table(rows, ours)}\n{_table(rows, theirs)}"
 
 
 def _table(rows: Rows, columns: list[str]) -> str:
@@ -321,7 +332,8 @@ def _table(rows: Rows, columns: list[str]) -> str:
     for name, kinds in rows.items():
         for kind, row in kinds.items():
             values = (getattr(row, column) for column in columns)
-            cells = (f"{100 * v / row.cases:.2f} %" if isinstance(v, float) else str(v) for v in values)
+            of = row.compared if "compared" in columns else row.cases
+            cells = (f"{100 * v / max(of, 1):.2f} %" if isinstance(v, float) else str(v) for v in values)
             lines.append(f"| {name} | {kind} | {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
 
@@ -331,16 +343,24 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--share", type=float, default=1.0, help="share of the cases")
     parser.add_argument("-o", "--output", type=Path, default=Path(__file__).parent / "results")
+    parser.add_argument(
+        "--only", nargs="+", default=list(COMPRESSIONS), choices=list(COMPRESSIONS), help="compressions"
+    )
+    parser.add_argument("--rerun-every", type=int, default=1, help="give rerun only every so many-th case")
     options = parser.parse_args()
     options.output.mkdir(parents=True, exist_ok=True)
+    results = options.output / "recover.json"
+    before = json.loads(results.read_text()) if results.exists() else {}
 
-    def keep(rows: Rows) -> None:
+    def keep(found: Rows) -> None:
+        earlier = {name: {kind: Row(**row) for kind, row in kinds.items()} for name, kinds in before.items()}
+        rows = earlier | found
         plain = {name: {kind: vars(row) for kind, row in kinds.items()} for name, kinds in rows.items()}
-        (options.output / "recover.json").write_text(json.dumps(plain, indent=2) + "\n")
+        results.write_text(json.dumps(plain, indent=2) + "\n")
         (options.output / "recover.md").write_text(f"# Damaged logs, recovered\n\n{table(rows)}")
 
     with tempfile.TemporaryDirectory() as scratch:
-        print(table(measure(options.share, Path(scratch), keep)))
+        print(table(measure(options.share, Path(scratch), keep, options.only, options.rerun_every)))
 
 
 if __name__ == "__main__":
