@@ -38,6 +38,7 @@ SAMPLE = Path(__file__).resolve().parents[2] / "logs" / "sample.mcap"
 COMPRESSIONS = {"none": "", "lz4": "lz4", "zstd": "zstd"}
 CASES = {"cut short": 200, "bit turned": 1000, "block of zeros": 100, "chunks swapped": 50, "block moved": 100}
 PATIENCE = 1  # s of CPU; a program that takes 0.1 s for a sound log and has not ended then hangs
+KINDS = (*CASES, "end missing")
 FOOTER, MAGIC, DATA_END = 29, 8, 13  # bytes
 
 Key = tuple[str, int, int, bytes]
@@ -114,14 +115,16 @@ DAMAGES: dict[str, Damage] = {
 }
 
 
-def damaged(data: bytes, share: float = 1.0) -> Iterator[tuple[str, bytes]]:
+def damaged(data: bytes, share: float = 1.0, kinds: Sequence[str] = KINDS) -> Iterator[tuple[str, bytes]]:
     """(what happened, the damaged file), a share of all cases of each kind."""
     for kind, damage in DAMAGES.items():
+        if kind not in kinds:
+            continue
         random = np.random.default_rng(7)
         count = max(2, round(share * CASES[kind]))
         for number in range(count):
             yield kind, damage(data, random, number, count)
-    for one in ends(data):
+    for one in ends(data) if "end missing" in kinds else ():
         yield "end missing", one
 
 
@@ -287,20 +290,17 @@ Rows = dict[str, dict[str, Row]]
 """compression -> kind of damage -> row"""
 
 
-def measure(
-    share: float, scratch: Path, keep: Callable[[Rows], None], only: Sequence[str] = tuple(COMPRESSIONS), every: int = 1
-) -> Rows:
-    """keep is given the rows so far, now and then; the other program is given every so many-th case of a kind."""
+def measure(options: argparse.Namespace, scratch: Path, keep: Callable[[Rows], None]) -> Rows:
+    """keep is given the rows so far, now and then."""
     rows: Rows = {}
-    for name in only:
-        compression = COMPRESSIONS[name]
-        sound = write_log(scratch / f"{name}.mcap", compression)
+    for name in options.only:
+        sound = write_log(scratch / f"{name}.mcap", COMPRESSIONS[name])
         truth, _, others = contents(sound)
         log = scratch / "damaged.mcap"
-        for number, (kind, data) in enumerate(damaged(sound.read_bytes(), share)):
+        for number, (kind, data) in enumerate(damaged(sound.read_bytes(), options.share, options.kinds)):
             log.write_bytes(data)
             row = rows.setdefault(name, {}).setdefault(kind, Row())
-            judge(row, log, truth, others, other_program=row.cases % every == 0)
+            judge(row, log, truth, others, other_program=row.cases % options.rerun_every == 0)
             if number % 100 == 99:
                 keep(rows)
     keep(rows)
@@ -346,6 +346,7 @@ def main() -> None:
     parser.add_argument(
         "--only", nargs="+", default=list(COMPRESSIONS), choices=list(COMPRESSIONS), help="compressions"
     )
+    parser.add_argument("--kinds", nargs="+", default=list(KINDS), choices=KINDS, help="of damage")
     parser.add_argument("--rerun-every", type=int, default=1, help="give rerun only every so many-th case")
     options = parser.parse_args()
     options.output.mkdir(parents=True, exist_ok=True)
@@ -354,13 +355,13 @@ def main() -> None:
 
     def keep(found: Rows) -> None:
         earlier = {name: {kind: Row(**row) for kind, row in kinds.items()} for name, kinds in before.items()}
-        rows = earlier | found
+        rows = earlier | {name: earlier.get(name, {}) | kinds for name, kinds in found.items()}
         plain = {name: {kind: vars(row) for kind, row in kinds.items()} for name, kinds in rows.items()}
         results.write_text(json.dumps(plain, indent=2) + "\n")
         (options.output / "recover.md").write_text(f"# Damaged logs, recovered\n\n{table(rows)}")
 
     with tempfile.TemporaryDirectory() as scratch:
-        print(table(measure(options.share, Path(scratch), keep, options.only, options.rerun_every)))
+        print(table(measure(options, Path(scratch), keep)))
 
 
 if __name__ == "__main__":
