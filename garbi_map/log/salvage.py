@@ -70,26 +70,33 @@ def definitions(buffer: memoryview) -> Iterator[tuple[int, memoryview]]:
 
 def messages(buffer: memoryview, channels: Container[int], begin: int, end: int) -> Iterator[RawMessage]:
     """The messages of known channels in a damaged buffer, in the order of writing: those whose log times lie from begin to
-    end, ns, and that another record or the end follows."""
+    end, ns, and inside of which no other begins."""
     for opcode, content in _plausible(buffer, channels, begin, end):
         if opcode == Opcode.MESSAGE:
             yield chunks.raw_message(content)
 
 
 def _plausible(buffer: memoryview, channels: Container[int], begin: int, end: int) -> Iterator[tuple[int, memoryview]]:
-    position: int | None = 0
-    while position is not None and position < len(buffer):
+    position = _next_record(buffer, 0, channels, begin, end)
+    while position is not None:
         following = _record_end(buffer, position, channels, begin, end)
-        # a record that nothing follows has a garbled length, or lies where the garbled begins
-        if following is not None and (
-            following == len(buffer) or _record_end(buffer, following, channels, begin, end) is not None
-        ):
-            if following <= len(buffer):
-                yield buffer[position], buffer[position + RECORD.size : following]
-            position = following
+        assert following is not None
+        if following == len(buffer) or _record_end(buffer, following, channels, begin, end) is not None:
+            next_one: int | None = following
         else:
-            found = RECORD_START.search(buffer, position + 1)
-            position = found.start() if found else None
+            next_one = _next_record(buffer, position + 1, channels, begin, end)
+        # a record inside of which another begins has a garbled length
+        if following <= len(buffer) and (next_one is None or next_one >= following):
+            yield buffer[position], buffer[position + RECORD.size : following]
+        position = next_one if next_one is not None and next_one < len(buffer) else None
+
+
+def _next_record(buffer: memoryview, position: int, channels: Container[int], begin: int, end: int) -> int | None:
+    """Where the first record that may well stand there begins, at or after a position; None where there is none."""
+    for found in RECORD_START.finditer(buffer, position):
+        if _record_end(buffer, found.start(), channels, begin, end) is not None:
+            return found.start()
+    return None
 
 
 def _record_end(buffer: memoryview, position: int, channels: Container[int], begin: int, end: int) -> int | None:
