@@ -22,6 +22,7 @@ NAMES = (
     "target.yaml",
     "behaviours and expectations",
     "configuration",
+    "recorder's lines",
     "camera_info",
     "message JointState",
     "message Imu",

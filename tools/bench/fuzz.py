@@ -32,6 +32,7 @@ from garbi_map.log import Image, chunks, open_log, salvage
 from garbi_map.log.chunks import DAMAGE
 from garbi_map.log.decode import BAD_MESSAGE, IMAGE_TYPES, decode_image, decoders
 from garbi_map.log.types import standard_types
+from garbi_map.record.lines import BadLine, parse_line
 from garbi_map.recover import recover
 from garbi_map.rig import parse_rig
 from garbi_map.stripe.decode import UnusableImage, decode
@@ -48,7 +49,9 @@ from tools.bench.fuzz_inputs import (
     pictures,
     plan,
     raw_image,
+    sensor_lines,
     small_log,
+    summed,
     targets,
 )
 from tools.bench.recover import chunk_places
@@ -143,6 +146,7 @@ def parsers(folder: Path) -> list[Parser]:
         Parser("target.yaml", text_of(parse_target), (GarbiError,), targets(), 0.03),
         Parser("behaviours and expectations", text_of(parse_plan), (GarbiError,), [plan()], 0.03),
         Parser("configuration", file_of(load_config), (GarbiError,), configurations(), 0.03),
+        Parser("recorder's lines", parse_line, (BadLine,), sensor_lines(), 0.05, summed),
         Parser("camera_info", file_of(read_camera_info), (GarbiError,), [camera_info()], 0.02),
     ]
     share = (1 - sum(parser.share for parser in found)) / 9

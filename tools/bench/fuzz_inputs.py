@@ -13,6 +13,7 @@ from garbi_map.config import Config
 from garbi_map.log import Image, LogWriter, Mount, chunks, open_log
 from garbi_map.log.decode import IMAGE_TYPES
 from garbi_map.log.types import standard_types
+from garbi_map.record.lines import nmea
 
 SAMPLE = Path(__file__).resolve().parents[2] / "logs" / "sample.mcap"
 START = 1_790_000_000_000_000_000
@@ -37,6 +38,25 @@ SCALARS = ("-1", "0", "1e308", ".nan", ".inf", "-.inf", "[]", "{}", "''", "null"
            "2001-01-01", "1:30", "!!binary aGk=", "&a [1]", "*a", "99999999999999999999", "[1, 2, 3]", "{a: 1}", "~", "é",
            "\"\\0\"")  # fmt: skip
 
+NUMBERS = (
+    "",
+    "nan",
+    "inf",
+    "-1e999",
+    "1e308",
+    "0x10",
+    "1_0",
+    " 1",
+    "--1",
+    "9" * 400,
+    "+",
+    "1e",
+    "\0",
+    "{",
+    "*",
+    "$",
+    "-0",
+)
 Random = np.random.Generator
 
 
@@ -204,3 +224,32 @@ def camera_info() -> bytes:
         b"image_width: 768\nimage_height: 576\ncamera_name: c\ncamera_matrix:\n  data: [800, 0, 384, 0, 800, 288, 0, 0, 1]\n"
         b"distortion_model: plumb_bob\ndistortion_coefficients:\n  data: [0.1, 0, 0, 0, 0]\n"
     )
+
+
+BODIES = (
+    "PGRB,ENC,12.3456,0.349066",
+    "PGRB,IMU,12.3,0,0,0.01,0,0,9.81,0,0,0,1",
+    "PGRB,PRS,,151325.0",
+    "PGRB,DVL,1,0.2,0,-0.01,1e-4",
+    "YXXDR,A,20.5,D,LASER",
+    "YXXDR,P,1.5,B,DEPTH",
+)
+
+
+def sensor_lines() -> list[bytes]:
+    """What encoders, IMUs, pressure sensors and DVLs send."""
+    others = [
+        b'{"sensor": "imu", "time": 12.35, "rate": [0, 0, 0.01], "force": [0, 0, 9.81], "attitude": [0, 0, 0, 1]}',
+        b'{"sensor": "dvl", "time": 12.4, "velocity": [0.2, 0.0, -0.01], "variance": 1e-4}',
+        b":BI,+100,-20,+3,+1,A",
+        b"wrz,0.1,0.0,-0.02,y,1.2,0.01,1e-4;0;0;0;1e-4;0;0;0;1e-4,1,2,3,0*aa",
+    ]
+    return [nmea(body).strip() for body in BODIES] + others
+
+
+def summed(random: Random) -> bytes:
+    """A sentence with fields of nonsense and the right checksum."""
+    fields = BODIES[int(random.integers(len(BODIES)))].split(",")
+    for _ in range(int(random.integers(1, 4))):
+        fields[int(random.integers(len(fields)))] = NUMBERS[int(random.integers(len(NUMBERS)))]
+    return nmea(",".join(fields)).strip()
