@@ -242,7 +242,6 @@ def sensor_lines() -> list[bytes]:
         b'{"sensor": "imu", "time": 12.35, "rate": [0, 0, 0.01], "force": [0, 0, 9.81], "attitude": [0, 0, 0, 1]}',
         b'{"sensor": "dvl", "time": 12.4, "velocity": [0.2, 0.0, -0.01], "variance": 1e-4}',
         b":BI,+100,-20,+3,+1,A",
-        b"wrz,0.1,0.0,-0.02,y,1.2,0.01,1e-4;0;0;0;1e-4;0;0;0;1e-4,1,2,3,0*aa",
     ]
     return [nmea(body).strip() for body in BODIES] + others
 
