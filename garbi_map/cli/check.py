@@ -46,6 +46,8 @@ def _print(found: LogCheck) -> None:
     from rich.table import Table
     from rich.text import Text
 
+    from garbi_map.words import printable
+
     console = Console()
     begin = datetime.fromtimestamp(found.begin_ns * 1e-9, UTC)
     console.print(f"{begin:%Y-%m-%d %H:%M:%S} UTC, {found.duration:.1f} s", highlight=False)
@@ -56,7 +58,8 @@ def _print(found: LogCheck) -> None:
         gaps = ", ".join(f"{gap.begin:.1f} to {gap.end:.1f} s" for gap in topic.gaps[:3])
         more = f" and {len(topic.gaps) - 3} more" if len(topic.gaps) > 3 else ""
         rate = f"{topic.rate:.1f} Hz" if topic.rate else ""
-        table.add_row(topic.name, topic.type.rpartition("/")[2], topic.role, str(topic.count), rate, gaps + more)
+        name, kind = (Text(printable(text)) for text in (topic.name, topic.type.rpartition("/")[2]))
+        table.add_row(name, kind, topic.role, str(topic.count), rate, gaps + more)
     console.print(table)
     for missing in found.missing:
         console.print(f"[yellow]missing[/] {missing.what}: {missing.cost}", highlight=False)

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import yaml
-
 from garbi_map.errors import GarbiError
 from garbi_map.log.chunks import DAMAGE, MAGIC, Unindexed, reason
 from garbi_map.log.index import Index
@@ -14,6 +12,7 @@ from garbi_map.log.reader import Log
 from garbi_map.log.settings import LogSettings
 from garbi_map.log.summary import index_from_summary
 from garbi_map.log.walk import index_by_walking
+from garbi_map.plain_yaml import read_yaml
 
 
 def open_log(paths: Sequence[Path], settings: LogSettings | None = None) -> Log:
@@ -37,9 +36,9 @@ def _files_of(path: Path) -> list[Path]:
     if not listing.exists():
         raise GarbiError(f"{path}: a directory without metadata.yaml is no rosbag2 log; give its .mcap files by name")
     try:
-        bag = yaml.safe_load(listing.read_text())["rosbag2_bagfile_information"]
+        bag = read_yaml(listing)["rosbag2_bagfile_information"]
         storage, names = bag.get("storage_identifier", "mcap"), list(bag["relative_file_paths"])
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, LookupError, TypeError, AttributeError) as error:
+    except (GarbiError, LookupError, TypeError, AttributeError) as error:
         raise GarbiError(f"{listing}: not the metadata of a rosbag2 log") from error
     if storage != "mcap":
         raise GarbiError(f"{path}: rosbag2 storage {storage!r} is not read; convert it to mcap (ros2 bag convert)")

@@ -63,7 +63,10 @@ class LogWriter:
         self._flushed = 0
         with self._refusals():
             self._file = open_file(self._aside)
-        self._writer = Writer(self._file, chunk_size=chunk_size, compression=COMPRESSION[compression])
+        # the checksum of all data protects what lies outside of chunks: metadata
+        self._writer = Writer(
+            self._file, chunk_size=chunk_size, compression=COMPRESSION[compression], enable_data_crcs=True
+        )
         self._writer.start("ros2", "garbi")
 
     @contextmanager
