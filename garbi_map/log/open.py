@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import yaml
 
@@ -15,17 +16,39 @@ from garbi_map.log.settings import LogSettings
 from garbi_map.log.summary import index_from_summary
 from garbi_map.log.walk import index_by_walking
 
+LISTING = "metadata.yaml"
+
 
 def open_log(paths: Sequence[Path], settings: LogSettings | None = None) -> Log:
     """MCAP files and rosbag2 directories as one log; several are read one after the other in the order of their begin.
+    A ROS 1 bag and a rosbag2 database are read too, one at a time.
 
-    Raises GarbiError on a missing file or directory, on what is no MCAP, and on a log without a message.
+    Raises GarbiError on a missing file or directory, on what is no log, and on a log without a message.
     """
+    settings = settings or LogSettings()
+    bags = [path for path in map(Path, paths) if _is_bag(path)]
+    if bags and len(paths) > 1:
+        raise GarbiError(f"{bags[0]}: a bag is read by itself; turn each into a log with garbi import, and give those")
+    if bags:
+        from garbi_map.log.bags import Bag
+
+        return Bag(bags[0], settings)
     files = [file for path in paths for file in _files_of(Path(path))]
     if not files:
         raise GarbiError("no log given")
     indexes = sorted((read_index(file) for file in files), key=lambda index: index.begin)
-    return Log(indexes, settings or LogSettings())
+    return Log(indexes, settings)
+
+
+def _is_bag(path: Path) -> bool:
+    if path.is_file():
+        from garbi_map.log.bags import is_database, is_ros1
+
+        return is_ros1(path) or is_database(path)
+    if not (path / LISTING).exists():
+        return False
+    bag = _listing(path)
+    return bag.get("storage_identifier") == "sqlite3" or str(bag.get("compression_mode", "")).lower() == "message"
 
 
 def _files_of(path: Path) -> list[Path]:
@@ -33,14 +56,11 @@ def _files_of(path: Path) -> list[Path]:
         raise GarbiError(f"{path}: no such file or directory")
     if not path.is_dir():
         return [path]
-    listing = path / "metadata.yaml"
+    listing = path / LISTING
     if not listing.exists():
-        raise GarbiError(f"{path}: a directory without metadata.yaml is no rosbag2 log; give its .mcap files by name")
-    try:
-        bag = yaml.safe_load(listing.read_text())["rosbag2_bagfile_information"]
-        storage, names = bag.get("storage_identifier", "mcap"), list(bag["relative_file_paths"])
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, LookupError, TypeError, AttributeError) as error:
-        raise GarbiError(f"{listing}: not the metadata of a rosbag2 log") from error
+        raise GarbiError(f"{path}: a directory without {LISTING} is no rosbag2 log; give its .mcap files by name")
+    bag = _listing(path)
+    storage, names = bag.get("storage_identifier", "mcap"), bag["relative_file_paths"]
     if storage != "mcap":
         raise GarbiError(f"{path}: rosbag2 storage {storage!r} is not read; convert it to mcap (ros2 bag convert)")
     if str(bag.get("compression_mode", "")).lower() == "file":
@@ -53,6 +73,16 @@ def _files_of(path: Path) -> list[Path]:
     if not files:
         raise GarbiError(f"{listing}: lists no files")
     return files
+
+
+def _listing(path: Path) -> dict[str, Any]:
+    """What a rosbag2 directory says about itself; relative_file_paths is a list."""
+    listing = path / LISTING
+    try:
+        bag = yaml.safe_load(listing.read_text())["rosbag2_bagfile_information"]
+        return {**bag, "relative_file_paths": list(bag["relative_file_paths"])}
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, LookupError, TypeError, AttributeError, ValueError) as error:
+        raise GarbiError(f"{listing}: not the metadata of a rosbag2 log") from error
 
 
 def read_index(path: Path) -> Index:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,11 +12,15 @@ from garbi_map.errors import GarbiError
 from garbi_map.log import chunks
 from garbi_map.log.chunks import DAMAGE, RawMessage
 from garbi_map.log.decode import BAD_MESSAGE, stamp_of
+from garbi_map.log.foreign import HEADERLESS
 from garbi_map.log.images import read_images
 from garbi_map.log.index import Index, Piece, has_checksum, message_times, read_attachment, read_piece
 from garbi_map.log.navigation import read_navigation
 from garbi_map.log.records import Image, Navigation, Stamps
 from garbi_map.log.settings import LogSettings
+
+Stamped = list[tuple[int, RawMessage]]
+OTHER_CLOCK = 1_000_000_000  # ns between stamps and log times, more than which no recorder is late
 
 
 @dataclass(frozen=True)
@@ -36,12 +40,14 @@ class Log:
     metadata    the records of names and texts, by name
     damaged     begin and end, ns, of the stretches that could not be read, so far; it grows while reading
     losses      one line for everything that could not be read, so far; it grows while reading
+    remarks     one line for everything that was read but not taken as it is, so far; it grows while reading
     """
 
     def __init__(self, indexes: list[Index], settings: LogSettings) -> None:
         self.settings = settings
         self._indexes = indexes
         self._losses: dict[str, None] = {}
+        self._remarks: dict[str, None] = {}
         self.damaged: list[tuple[int, int]] = []
         self.topics = self._find_topics()
         self._clock_offset = self._arrival_offset = 0
@@ -57,6 +63,15 @@ class Log:
     def lose(self, line: str) -> None:
         """Name a loss, once."""
         self._losses[line] = None
+
+    @property
+    def remarks(self) -> list[str]:
+        """What was read but not taken as it is, so far, one line each."""
+        return list(self._remarks)
+
+    def remark(self, line: str) -> None:
+        """Say how something was read, once."""
+        self._remarks[line] = None
 
     @property
     def size(self) -> int:
@@ -89,6 +104,10 @@ class Log:
     def near_arrival(self, stamp_ns: int, arrival_ns: int) -> bool:
         """Whether a stamp is believable: its distance from its arrival is about the usual one."""
         return abs(stamp_ns - arrival_ns - self._arrival_offset) <= self.settings.clock_tolerance * 1e9
+
+    def stamp_of_recording(self, log_time: int) -> int:
+        """The header stamp that stands for a log time: itself, unless the stamps come from another clock."""
+        return log_time + (self._clock_offset if abs(self._clock_offset) > OTHER_CLOCK else 0)
 
     def type_of(self, role: str, usable: tuple[str, ...]) -> str | None:
         """The type of the topic that plays a role, None where the log has none; GarbiError where it is not usable."""
@@ -202,26 +221,39 @@ class Log:
     def _find_times(self) -> tuple[int, int]:
         """First and last header stamp; learns the usual offsets of the stamps' clock to log times and arrivals."""
         topics = set(self.settings.topics.model_dump().values()) - {self.settings.topics.tf_static, ""}
-        first = self._stamped(self._indexes[0], topics, forward=True)
-        last = self._stamped(max(self._indexes, key=lambda index: index.end), topics, forward=False)
+        stamped = {topic for topic in topics & self.topics.keys() if self.topics[topic].type not in HEADERLESS}
+        first, last = self._first_and_last(stamped)
         if first:
             self._clock_offset = int(np.median([stamp - message.log_time for stamp, message in first]))
             self._arrival_offset = int(np.median([stamp - message.arrival(stamp) for stamp, message in first]))
         stamps = [stamp for stamp, message in first + last if self.near_arrival(stamp, message.arrival(stamp))]
-        if not stamps:
-            return self._indexes[0].begin, max(index.end for index in self._indexes)
-        return min(stamps), max(stamps)
+        return (min(stamps), max(stamps)) if stamps else self._recorded()
 
-    def _stamped(self, index: Index, topics: set[str], forward: bool) -> list[tuple[int, RawMessage]]:
+    def _recorded(self) -> tuple[int, int]:
+        """First and last log time."""
+        return self._indexes[0].begin, max(index.end for index in self._indexes)
+
+    def _first_and_last(self, topics: set[str]) -> tuple[Stamped, Stamped]:
+        """Messages of some topics near the begin and near the end of the log."""
+        first = self._stamped(self._indexes[0], topics, forward=True)
+        return first, self._stamped(max(self._indexes, key=lambda index: index.end), topics, forward=False)
+
+    def _stamped(self, index: Index, topics: set[str], forward: bool) -> Stamped:
         """(header stamp, message) of some topics in the first or last piece that has any."""
         wanted = {number for number, channel in index.channels.items() if channel.topic in topics}
         for piece in sorted(index.pieces, key=lambda piece: piece.begin, reverse=not forward):
-            found = []
-            for message in self._messages_of(index, [piece], wanted):
-                try:
-                    found.append((stamp_of(message.data), message))
-                except BAD_MESSAGE:
-                    continue
+            found = with_stamps(self._messages_of(index, [piece], wanted))
             if found:
                 return found
         return []
+
+
+def with_stamps(messages: Iterable[RawMessage]) -> Stamped:
+    """(header stamp, message) of those that have a header."""
+    found = []
+    for message in messages:
+        try:
+            found.append((stamp_of(message.data), message))
+        except BAD_MESSAGE:
+            continue
+    return found
