@@ -74,6 +74,11 @@ class Bag(Log):
             raise GarbiError(f"{self.path}: cannot be read as a ROS bag: {why}") from error
 
     @property
+    def name(self) -> str:
+        """The name of the file or directory."""
+        return self.path.name
+
+    @property
     def size(self) -> int:
         """Bytes of all files."""
         files = self.path.iterdir() if self.path.is_dir() else [self.path]

@@ -28,6 +28,12 @@ _HEADER = {1: struct.Struct("<iII"), 0: struct.Struct(">iII")}
 _NAN3 = (math.nan,) * 3
 
 
+def frame_of(data: memoryview) -> str:
+    """The frame of any message that begins with a std_msgs/Header."""
+    length = _header(data)[2]
+    return bytes(data[16 : 16 + length]).rstrip(b"\0").decode()
+
+
 def stamp_of(data: memoryview) -> int:
     """The header stamp of any message that begins with a std_msgs/Header, ns."""
     seconds, nanoseconds, _ = _header(data)

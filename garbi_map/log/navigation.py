@@ -34,6 +34,7 @@ from garbi_map.words import many
 if TYPE_CHECKING:
     from garbi_map.log.reader import Log
 
+TRANSFORMS = "tf2_msgs/msg/TFMessage"
 ATMOSPHERE, WATER_DENSITY, GRAVITY = 101325.0, 1025.0, 9.80665  # Pa, kg/m^3, m/s^2
 
 
@@ -81,7 +82,7 @@ def read_navigation(log: Log, begin_ns: int | None, end_ns: int | None, joint: s
         records["imu"] = with_attitude(records.get("imu"), turns)
     if depth is not None:
         records.setdefault("pressure", Pressure(depth.stamp_ns, depth.arrival_ns, pressure_at(depth.values[:, 0])))
-    return Navigation(**records, fixes=fixes, mounts=_mounts(log, types))
+    return Navigation(**records, fixes=fixes, mounts=find_mounts(log))
 
 
 def pressure_at(depth: Floats) -> Floats:
@@ -205,25 +206,36 @@ _BUILDERS: dict[str, Callable[[_Rows], Any]] = {
 }
 
 
-def _mounts(log: Log, types: Any) -> dict[str, Mount]:
-    """Static transforms are sent once, whenever: they are read from the whole log."""
-    topic = log.settings.topics.tf_static
-    type_name = log.type_of("tf_static", ("tf2_msgs/msg/TFMessage",))
+def find_mounts(log: Log) -> dict[str, Mount]:
+    """The mounts by the names that the map uses."""
+    mounts = read_mounts(log, log.settings.topics.tf_static)
+    called = log.settings.frames.model_dump()
+    known = {ours: mounts[theirs] for ours, theirs in called.items() if theirs in mounts}
+    return {frame: mount for frame, mount in mounts.items() if frame not in called} | known
+
+
+def read_mounts(log: Log, topic: str) -> dict[str, Mount]:
+    """Poses base <- frame by the log's own names. Static transforms are sent once, whenever: they are read from the
+    whole log. Raises GarbiError where the topic is of another type."""
+    about = log.topics.get(topic)
+    if about is None or about.count == 0:
+        return {}
+    if about.type != TRANSFORMS:
+        raise GarbiError(f"topic {topic}: type {about.type} cannot be used as tf_static; wanted is {TRANSFORMS}")
+    types = log_types(())
     found: dict[str, tuple[str, str, Mount]] = {}
     bad = 0
-    for _, message in log.messages({topic}) if type_name else ():
+    for _, message in log.messages({topic}):
         try:
-            for transform in types.deserialize_cdr(message.data, type_name).transforms:
+            transforms: Any = types.deserialize_cdr(message.data, TRANSFORMS)
+            for transform in transforms.transforms:
                 parent, child = transform.header.frame_id.lstrip("/"), transform.child_frame_id.lstrip("/")
                 found[child] = (parent, child, _mount(transform.transform))
         except BAD_MESSAGE:
             bad += 1
     if bad:
         log.lose(f"{topic}: {many(bad, 'message')} left out: not a readable transform")
-    mounts = mounts_in(log.settings.base_frame, found.values())
-    called = log.settings.frames.model_dump()
-    known = {ours: mounts[theirs] for ours, theirs in called.items() if theirs in mounts}
-    return {frame: mount for frame, mount in mounts.items() if frame not in called} | known
+    return mounts_in(log.settings.base_frame, found.values())
 
 
 def _mount(transform: Any) -> Mount:

@@ -74,6 +74,11 @@ class Log:
         self._remarks[line] = None
 
     @property
+    def name(self) -> str:
+        """The names of the files."""
+        return ", ".join(index.path.name for index in self._indexes)
+
+    @property
     def size(self) -> int:
         """Bytes of all files."""
         return sum(index.path.stat().st_size for index in self._indexes)

@@ -100,12 +100,23 @@ class LogWriter:
 
     def write(self, topic: str, type_name: str, message: object, stamp_ns: int, arrival_ns: int | None = None) -> None:
         """Write any message: an instance of `self.types.types[type_name]`, arrays as numpy arrays of the right type."""
-        data = self.types.serialize_cdr(message, type_name, little_endian=True)
+        self.write_bytes(
+            topic,
+            type_name,
+            bytes(self.types.serialize_cdr(message, type_name, little_endian=True)),
+            stamp_ns,
+            arrival_ns,
+        )
+
+    def write_bytes(
+        self, topic: str, type_name: str, data: bytes, stamp_ns: int, arrival_ns: int | None = None
+    ) -> None:
+        """Write a message of a standard type that is serialised already (CDR)."""
         channel = self._channel(topic, type_name)
         number = self._sequence[channel] = self._sequence.get(channel, -1) + 1
         arrival = stamp_ns if arrival_ns is None else arrival_ns
         try:
-            self._writer.add_message(channel, int(stamp_ns), bytes(data), int(arrival), number)
+            self._writer.add_message(channel, int(stamp_ns), data, int(arrival), number)
         except OSError as error:
             raise GarbiError(f"{self.path}: cannot be written: {error.strerror}") from error
 
