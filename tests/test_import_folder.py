@@ -45,7 +45,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_images_named_by_the_table(folder: Path, garbi: Garbi) -> None:
-    """Stamps to the nanosecond, JPEG untouched, a bitmap among them lossless, the rig attached, angles in radians by the rig's joint."""
+    """Stamps to the nanosecond, JPEG untouched, a bitmap among them lossless, the rig attached, angles in radians."""
     (folder / "rig.yaml").write_text(make_rig().to_yaml())
     out = folder / "log.mcap"
     ended = garbi("import", folder / "images", folder / "angles.csv", "-o", out, "--rig", folder / "rig.yaml")

@@ -19,6 +19,9 @@ def check(
     config: Annotated[Path | None, typer.Option(help="configuration with the topic names")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="print JSON instead of a table")] = False,
     full: Annotated[bool, typer.Option("--full", help="read the whole log, however large")] = False,
+    suggest: Annotated[
+        bool, typer.Option("--suggest-topics", help="guess the topics; print them as a configuration")
+    ] = False,
 ) -> None:
     """Say what is in a log, what is missing and what that costs, and what is damaged (exit 3; unusable: 1)."""
     import json
@@ -28,6 +31,11 @@ def check(
     from garbi_map.log import open_log
     from garbi_map.log.check import check_log
 
+    if suggest:
+        from garbi_map.importing import suggest_topics
+
+        print(suggest_topics(open_log(logs, load_config(config).log)).to_yaml(), end="")
+        return
     found = check_log(open_log(logs, load_config(config).log), whole=full or None)
     if as_json:
         print(json.dumps(found.as_dict(), indent=2))
