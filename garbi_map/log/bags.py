@@ -90,16 +90,17 @@ class Bag(Log):
         """See Log.messages. Where the bag ends in damage, the rest of it is lost and named."""
         margin = int(self.settings.clock_tolerance * 1e9)
         begin, end = (None if edge is None else edge - self._clock_offset for edge in (begin_ns, end_ns))
-        return self._between(
+        return self.recorded(
             topics, None if begin is None else max(begin - margin, 0), None if end is None else end + margin
         )
 
-    def _between(self, topics: set[str], begin: int | None, end: int | None) -> Iterator[tuple[str, RawMessage]]:
+    def recorded(self, topics: set[str], first: int | None, last: int | None) -> Iterator[tuple[str, RawMessage]]:
+        """See Log.recorded."""
         types = standard_types()
         connections = [one for one in self._reader.connections if one.topic in topics]
-        at = begin
+        at = first
         try:
-            for connection, at, data in self._reader.messages(connections, begin, end) if connections else ():
+            for connection, at, data in self._reader.messages(connections, first, last) if connections else ():
                 if self._ros1:
                     try:
                         data = types.ros1_to_cdr(data, connection.msgtype)
@@ -110,7 +111,7 @@ class Bag(Log):
         except GarbiError:
             raise
         except Exception as error:
-            after = max((at or 0) - self._recorded()[0], 0) * 1e-9
+            after = max((at or 0) - self.recorded_span()[0], 0) * 1e-9
             self.lose(f"{self.path.name}: damaged after {after:.1f} s ({type(error).__name__}), the rest is lost")
 
     def verify(self) -> bool:
@@ -145,13 +146,14 @@ class Bag(Log):
     def _find_rig(self) -> str | None:
         return None
 
-    def _recorded(self) -> tuple[int, int]:
+    def recorded_span(self) -> tuple[int, int]:
+        """First and last log time."""
         return int(self._reader.start_time), int(self._reader.end_time)
 
     def _first_and_last(self, topics: set[str]) -> tuple[Stamped, Stamped]:
-        begin, end = self._recorded()
-        first = islice(self._between(topics, None, begin + EDGE_NS), MOST)
+        begin, end = self.recorded_span()
+        first = islice(self.recorded(topics, None, begin + EDGE_NS), MOST)
         return (
             with_stamps(message for _, message in first),
-            with_stamps(message for _, message in self._between(topics, max(end - EDGE_NS, 0), None)),
+            with_stamps(message for _, message in self.recorded(topics, max(end - EDGE_NS, 0), None)),
         )

@@ -9,12 +9,12 @@ import numpy as np
 
 from garbi_map.errors import GarbiError
 from garbi_map.log.decode import IMAGE_TYPES
+from garbi_map.log.gaps import Rhythm, find_rhythms
 from garbi_map.log.reader import Log
-from garbi_map.log.records import Navigation, Stamps
+from garbi_map.log.records import Navigation
 
 READ_WHOLE = 1 << 30  # bytes; a larger log is not read through unless asked for
-GAP_FACTOR, GAP_LEAST = 3.0, 0.2  # times the median interval, s
-PERIODIC = ("image", "encoder", "imu", "pressure", "dvl", "navsat", "usbl", "odometry")
+PERIODIC = ("image", "encoder", "imu", "pressure", "depth", "attitude", "dvl", "navsat", "usbl", "odometry")
 
 COSTS = {
     "image": "there is nothing to map",
@@ -68,6 +68,7 @@ class LogCheck:
     read_whole  every message was read and its checksum validated; else all is from the log's index, and damage inside
                 of chunks is not known
     checksums   every part that was read carries a checksum; where not, damage cannot be seen
+    shortest_gap  s; shorter silences were not looked for, as the log is too long to read its whole index; 0: all were
     """
 
     begin_ns: int
@@ -78,6 +79,7 @@ class LogCheck:
     unusable: tuple[str, ...]
     read_whole: bool
     checksums: bool
+    shortest_gap: float
 
     @property
     def mappable(self) -> bool:
@@ -101,11 +103,11 @@ def check_log(log: Log, whole: bool | None = None) -> LogCheck:
         navigation = log.navigation() if read_whole else None
     except GarbiError as error:
         unusable.append(str(error))
-    roles = {topic: role for role, topic in log.settings.topics.model_dump().items()}
-    times = log.log_times()
-    bounds = (min(t[0] for t in times.values()), max(t[-1] for t in times.values())) if times else (0, 0)
+    roles = {topic: role for role, topic in log.settings.topics.model_dump().items() if topic}
+    rhythms = find_rhythms(log)
+    begin = log.recorded_span()[0]
     topics = [
-        _check_topic(name, topic.type, roles.get(name, ""), topic.count, times.get(name), bounds)
+        _check_topic(name, topic.type, roles.get(name, ""), topic.count, rhythms.topics.get(name), begin)
         for name, topic in sorted(log.topics.items())
     ]
     return LogCheck(
@@ -117,6 +119,7 @@ def check_log(log: Log, whole: bool | None = None) -> LogCheck:
         unusable=tuple(unusable),
         read_whole=read_whole,
         checksums=checksums,
+        shortest_gap=rhythms.blind,
     )
 
 
@@ -126,20 +129,11 @@ def _no_images(log: Log) -> str:
     return f"no images on {log.settings.topics.image}, there is nothing to map{hint}"
 
 
-def _check_topic(
-    name: str, type_name: str, role: str, count: int, times: Stamps | None, bounds: tuple[int, int]
-) -> TopicCheck:
-    if times is None or len(times) < 2:
-        return TopicCheck(name, type_name, role, count, 0.0, ())
-    begin = bounds[0]
-    interval = float(np.median(np.diff(times))) * 1e-9
+def _check_topic(name: str, type_name: str, role: str, count: int, rhythm: Rhythm | None, begin: int) -> TopicCheck:
+    interval = rhythm.interval if rhythm else 0.0
     rate = 1 / interval if interval > 0 else 0.0
-    if role not in PERIODIC:
-        return TopicCheck(name, type_name, role, count, rate, ())
-    # a topic that starts late or stops early is silent there
-    edges = np.concatenate([[bounds[0]], times, [bounds[1]]])
-    silent = np.flatnonzero(np.diff(edges) * 1e-9 > max(GAP_FACTOR * interval, GAP_LEAST))
-    gaps = tuple(Gap(float(edges[i] - begin) * 1e-9, float(edges[i + 1] - begin) * 1e-9) for i in silent)
+    silences = rhythm.silences if rhythm and role in PERIODIC else ()
+    gaps = tuple(Gap(float(first - begin) * 1e-9, float(last - begin) * 1e-9) for first, last in silences)
     return TopicCheck(name, type_name, role, count, rate, gaps)
 
 
@@ -149,6 +143,10 @@ def _missing(log: Log, navigation: Navigation | None) -> list[Missing]:
     missing = [Missing(role, names[role], COSTS[role]) for role in ("image", "encoder") if role in absent]
     # somebody else's trajectory stands in for what it was computed from
     if "odometry" in absent:
+        if "depth" not in absent:
+            absent.discard("pressure")
+        if "attitude" not in absent:
+            absent.discard("imu")
         missing += [Missing(role, names[role], COSTS[role]) for role in ("imu", "pressure", "dvl") if role in absent]
     if {"navsat", "usbl"} <= absent:
         missing.append(Missing("fixes", f"{names['navsat']}, {names['usbl']}", COSTS["fixes"]))

@@ -45,7 +45,7 @@ class Log:
 
     def __init__(self, indexes: list[Index], settings: LogSettings) -> None:
         self.settings = settings
-        self._indexes = indexes
+        self.indexes = indexes
         self._losses: dict[str, None] = {}
         self._remarks: dict[str, None] = {}
         self.damaged: list[tuple[int, int]] = []
@@ -58,7 +58,7 @@ class Log:
     @property
     def losses(self) -> list[str]:
         """What could not be read so far, one line each."""
-        return [*(line for index in self._indexes for line in index.losses), *self._losses]
+        return [*(line for index in self.indexes for line in index.losses), *self._losses]
 
     def lose(self, line: str) -> None:
         """Name a loss, once."""
@@ -76,12 +76,12 @@ class Log:
     @property
     def name(self) -> str:
         """The names of the files."""
-        return ", ".join(index.path.name for index in self._indexes)
+        return ", ".join(index.path.name for index in self.indexes)
 
     @property
     def size(self) -> int:
         """Bytes of all files."""
-        return sum(index.path.stat().st_size for index in self._indexes)
+        return sum(index.path.stat().st_size for index in self.indexes)
 
     @property
     def image_count(self) -> int:
@@ -136,14 +136,15 @@ class Log:
         margin = int(self.settings.clock_tolerance * 1e9)
         first = None if begin_ns is None else begin_ns - self._clock_offset - margin
         last = None if end_ns is None else end_ns - self._clock_offset + margin
-        for index in self._indexes:
+        return self.recorded(topics, first, last)
+
+    def recorded(self, topics: set[str], first: int | None, last: int | None) -> Iterator[tuple[str, RawMessage]]:
+        """(topic, message) of some topics in the order of recording, from every piece of the log that reaches into the
+        time from `first` to `last`, log times, ns."""
+        for index in self.indexes:
             wanted = {number for number, channel in index.channels.items() if channel.topic in topics}
             pieces = [
-                piece
-                for piece in index.pieces
-                if (piece.channels is None or wanted & piece.channels)
-                and (first is None or piece.end >= first)
-                and (last is None or piece.begin <= last)
+                piece for piece in index.between(first, last) if piece.channels is None or wanted & piece.channels
             ]
             names = {number: index.topic(number) for number in wanted}
             for message in self._messages_of(index, pieces, wanted):
@@ -153,7 +154,7 @@ class Log:
         """Read every byte that holds a message; what fails its checksum goes into `losses`. False where some part of
         the log carries no checksum, so that damage there cannot be seen."""
         protected = True
-        for index in self._indexes:
+        for index in self.indexes:
             with index.open() as file:
                 for piece in index.pieces:
                     try:
@@ -172,7 +173,7 @@ class Log:
                     self._lose_piece(index, piece, chunks.reason(error))
 
     def _lose_piece(self, index: Index, piece: Piece, why: str) -> None:
-        start = self._indexes[0].begin
+        start = self.indexes[0].begin
         begin, end = (piece.begin - start) * 1e-9, (piece.end - start) * 1e-9
         if (piece.begin, piece.end) not in self.damaged:
             self.damaged.append((piece.begin, piece.end))
@@ -180,12 +181,12 @@ class Log:
 
     def schemas(self) -> list[Schema]:
         """The message definitions of all files."""
-        return [schema for index in self._indexes for schema in index.schemas.values()]
+        return [schema for index in self.indexes for schema in index.schemas.values()]
 
     def log_times(self) -> dict[str, Stamps]:
         """Log times of every message by topic, ascending, without reading the messages; from the message indexes."""
         times: dict[str, list[Stamps]] = {}
-        for index in self._indexes:
+        for index in self.indexes:
             if index.times is not None:
                 for channel, parts in index.times.items():
                     times.setdefault(index.topic(channel), []).extend(parts)
@@ -203,7 +204,7 @@ class Log:
         return {topic: np.sort(np.concatenate(parts)) for topic, parts in times.items()}
 
     def _find_rig(self) -> str | None:
-        for index in self._indexes:
+        for index in self.indexes:
             if "rig.yaml" in index.attachments:
                 try:
                     return read_attachment(index, "rig.yaml").decode()
@@ -213,7 +214,7 @@ class Log:
 
     def _find_topics(self) -> dict[str, Topic]:
         topics: dict[str, Topic] = {}
-        for index in self._indexes:
+        for index in self.indexes:
             for number, channel in sorted(index.channels.items()):
                 schema = index.schemas.get(channel.schema_id)
                 known = topics.get(channel.topic)
@@ -232,16 +233,16 @@ class Log:
             self._clock_offset = int(np.median([stamp - message.log_time for stamp, message in first]))
             self._arrival_offset = int(np.median([stamp - message.arrival(stamp) for stamp, message in first]))
         stamps = [stamp for stamp, message in first + last if self.near_arrival(stamp, message.arrival(stamp))]
-        return (min(stamps), max(stamps)) if stamps else self._recorded()
+        return (min(stamps), max(stamps)) if stamps else self.recorded_span()
 
-    def _recorded(self) -> tuple[int, int]:
+    def recorded_span(self) -> tuple[int, int]:
         """First and last log time."""
-        return self._indexes[0].begin, max(index.end for index in self._indexes)
+        return self.indexes[0].begin, max(index.end for index in self.indexes)
 
     def _first_and_last(self, topics: set[str]) -> tuple[Stamped, Stamped]:
         """Messages of some topics near the begin and near the end of the log."""
-        first = self._stamped(self._indexes[0], topics, forward=True)
-        return first, self._stamped(max(self._indexes, key=lambda index: index.end), topics, forward=False)
+        first = self._stamped(self.indexes[0], topics, forward=True)
+        return first, self._stamped(max(self.indexes, key=lambda index: index.end), topics, forward=False)
 
     def _stamped(self, index: Index, topics: set[str], forward: bool) -> Stamped:
         """(header stamp, message) of some topics in the first or last piece that has any."""
