@@ -13,7 +13,8 @@ from garbi_map.log.gaps import Rhythm, find_rhythms
 from garbi_map.log.reader import Log
 from garbi_map.log.records import Navigation
 
-READ_WHOLE = 1 << 30  # bytes; a larger log is not read through unless asked for
+READ_WHOLE = 1 << 28  # bytes; a larger log is not read through unless asked for
+FIRST_NS = 1_000_000_000  # of a larger log, whose messages are looked into
 PERIODIC = ("image", "encoder", "imu", "pressure", "depth", "attitude", "dvl", "navsat", "usbl", "odometry")
 
 COSTS = {
@@ -92,7 +93,7 @@ class LogCheck:
 
 
 def check_log(log: Log, whole: bool | None = None) -> LogCheck:
-    """Check a log. It is read through if `whole`, or (None) if it is smaller than a gigabyte; rates and gaps are by log
+    """Check a log. It is read through if `whole`, or (None) if it is smaller than READ_WHOLE; rates and gaps are by log
     time, from the message indexes where the log has them."""
     read_whole = log.size <= READ_WHOLE if whole is None else whole
     checksums = log.verify() if read_whole else True
@@ -100,7 +101,7 @@ def check_log(log: Log, whole: bool | None = None) -> LogCheck:
     try:
         if log.type_of("image", IMAGE_TYPES) is None:
             unusable.append(_no_images(log))
-        navigation = log.navigation() if read_whole else None
+        navigation = log.navigation() if read_whole else log.navigation(log.begin_ns, log.begin_ns + FIRST_NS)
     except GarbiError as error:
         unusable.append(str(error))
     roles = {topic: role for role, topic in log.settings.topics.model_dump().items() if topic}
@@ -114,7 +115,7 @@ def check_log(log: Log, whole: bool | None = None) -> LogCheck:
         begin_ns=log.begin_ns,
         duration=(log.end_ns - log.begin_ns) * 1e-9,
         topics=tuple(topics),
-        missing=tuple(_missing(log, navigation)),
+        missing=tuple(_missing(log, navigation, read_whole)),
         damage=tuple(log.losses),
         unusable=tuple(unusable),
         read_whole=read_whole,
@@ -137,7 +138,7 @@ def _check_topic(name: str, type_name: str, role: str, count: int, rhythm: Rhyth
     return TopicCheck(name, type_name, role, count, rate, gaps)
 
 
-def _missing(log: Log, navigation: Navigation | None) -> list[Missing]:
+def _missing(log: Log, navigation: Navigation | None, whole: bool) -> list[Missing]:
     names = log.settings.topics.model_dump()
     absent = {role for role, name in names.items() if name not in log.topics or log.topics[name].count == 0}
     missing = [Missing(role, names[role], COSTS[role]) for role in ("image", "encoder") if role in absent]
@@ -155,17 +156,17 @@ def _missing(log: Log, navigation: Navigation | None) -> list[Missing]:
     if log.rig_text is None:
         missing.append(Missing("rig.yaml", "", COSTS["rig.yaml"]))
     if navigation is not None:
-        missing += _missing_inside(log, navigation)
+        missing += _missing_inside(log, navigation, whole)
     return missing
 
 
-def _missing_inside(log: Log, navigation: Navigation) -> list[Missing]:
+def _missing_inside(log: Log, navigation: Navigation, whole: bool) -> list[Missing]:
     """What only the messages themselves tell: an IMU without attitude, a DVL that never saw the ground, mounts."""
     topics = log.settings.topics
     missing = []
     if navigation.imu is not None and np.isnan(navigation.imu.attitude).all():
         missing.append(Missing("attitude", topics.imu, COSTS["attitude"]))
-    if navigation.dvl is not None and np.isnan(navigation.dvl.velocity).all():
+    if whole and navigation.dvl is not None and np.isnan(navigation.dvl.velocity).all():
         missing.append(Missing("dvl", topics.dvl, f"it never saw the ground: {COSTS['dvl']}"))
     frames = {"imu_link": navigation.imu, "dvl_link": navigation.dvl, "pressure_link": navigation.pressure}
     needed = [frame for frame, sensor in frames.items() if sensor is not None] + ["rig"]
