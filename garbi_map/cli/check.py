@@ -41,7 +41,7 @@ def check(
     from garbi_map.rig import load_rig
 
     settings = load_config(config)
-    log = open_log(logs, settings.log)
+    log = open_log(logs, settings.log, quick=not full)
     if suggest:
         from garbi_map.importing import suggest_topics
 
@@ -109,7 +109,7 @@ def _figures(found: Health) -> list[str]:
     sampling, pictures, motor = found.sampling, found.pictures, found.motor
     lines = [
         f"Sampled: {sampling.stretches} stretches of {sampling.length:.2g} s, {percent(sampling.share)} of the log."
-        + (f" Gaps below {found.log.shortest_gap:.2g} s are not looked for." if found.log.shortest_gap else "")
+        + _unseen_gaps(found.log)
     ]
     if pictures:
         where = "" if pictures.expected is None else f", {percent(pictures.expected)} of it where the rig expects it"
@@ -122,6 +122,13 @@ def _figures(found: Health) -> list[str]:
     if found.expected:
         lines.append(_promise(found.expected))
     return lines
+
+
+def _unseen_gaps(found: LogCheck) -> str:
+    if not found.shortest_gap:
+        return ""
+    which = "Gaps" if found.shortest_gap >= found.duration else f"Gaps below {found.shortest_gap:.2g} s"
+    return f" {which} are not looked for."
 
 
 def _promise(expected: Expected) -> str:

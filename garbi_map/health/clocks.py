@@ -8,6 +8,7 @@ import numpy as np
 
 from garbi_map.health.findings import Finding, spans, told
 from garbi_map.health.sample import Stretch, of_role
+from garbi_map.log.records import Floats, Stamps
 
 LEAST = 3  # messages of a stretch that say something
 JITTER = 0.5  # of the usual interval: more is told
@@ -30,21 +31,21 @@ class Clock:
     latency: float
 
 
-def check_clocks(found: list[Stretch], roles: list[str]) -> tuple[list[Clock], list[Finding]]:
-    """Each role's clock, and what is wrong with it."""
+def check_clocks(found: list[Stretch], roles: list[str], reorder: float) -> tuple[list[Clock], list[Finding]]:
+    """Each role's clock, and what is wrong with it; reorder: s by which messages may be late without harm."""
     clocks, findings = [], []
     for role in roles:
         places = list(of_role(found, role, LEAST))
         if not places:
             continue
-        steps = np.concatenate([np.diff(said.stamp_ns) for _, said in places]) * 1e-9
+        steps = np.concatenate([np.diff(np.sort(said.stamp_ns)) for _, said in places]) * 1e-9
         usual = float(np.median(steps))
         jitter = float(np.percentile(np.abs(steps - usual), 95)) / usual if usual > 0 else np.inf
         offsets = np.array([np.median(said.arrival_ns - said.stamp_ns) for _, said in places]) * 1e-9
         times = [stretch.time for stretch, _ in places]
         clocks.append(Clock(role, 1 / usual if usual > 0 else 0.0, jitter, float(np.median(offsets))))
         findings += _jumps(role, times, offsets)
-        findings += _backwards(role, times, [bool((np.diff(said.stamp_ns) <= 0).any()) for _, said in places])
+        findings += _backwards(role, times, [_is_backwards(said.stamp_ns, reorder) for _, said in places])
         if jitter > JITTER and usual > 0:
             text = f"{role}: intervals vary by {jitter:.0%} of the usual {usual * 1e3:.3g} ms; are stamps those of arrival?"
             findings.append(Finding("jitter", text, times[0], times[-1]))
@@ -52,7 +53,7 @@ def check_clocks(found: list[Stretch], roles: list[str]) -> tuple[list[Clock], l
     return clocks, findings
 
 
-def _jumps(role: str, times: list[float], offsets: np.ndarray) -> list[Finding]:
+def _jumps(role: str, times: list[float], offsets: Floats) -> list[Finding]:
     """The stamps against the recorder's clock: a step between two samples that stays is a clock that was set."""
     found = []
     usual = 1.4826 * float(np.median(np.abs(np.diff(offsets)))) if len(offsets) > 2 else 0.0
@@ -63,11 +64,17 @@ def _jumps(role: str, times: list[float], offsets: np.ndarray) -> list[Finding]:
     return found
 
 
+def _is_backwards(stamps: Stamps, reorder: float) -> bool:
+    """Whether stamps repeat, or go back by more than what is sorted."""
+    late = np.maximum.accumulate(stamps) - stamps
+    return len(np.unique(stamps)) < len(stamps) or bool((late > reorder * 1e9).any())
+
+
 def _backwards(role: str, times: list[float], flags: list[bool]) -> list[Finding]:
     runs = spans(times, flags)
     if not runs:
         return []
-    text = f"{role}: stamps repeat or go back {told(runs)}; such messages are sorted or left out"
+    text = f"{role}: stamps repeat or go back {told(runs)}; such messages are left out"
     return [Finding("stamps_go_back", text, runs[0][0], runs[-1][1])]
 
 

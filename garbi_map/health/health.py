@@ -64,7 +64,7 @@ def check_health(
         except GarbiError as error:
             findings.append(Finding("rig_unusable", str(error), 0.0, found.duration))
     sampled, length = stretches(log, rig.laser.joint if rig else "laser_joint", count)
-    clocks, wrong = check_clocks(sampled, ROLES)
+    clocks, wrong = check_clocks(sampled, ROLES, log.settings.reorder)
     findings += wrong
     ranges = config.stripe.min_range, config.stripe.max_range
     motor, wrong = check_motor(sampled, rig, ranges)
@@ -72,7 +72,7 @@ def check_health(
     looks = look(sampled, rig, config.stripe)
     pictures, wrong = check_pictures(looks, rig)
     findings += wrong
-    rate = log.image_count / duration
+    rate = next((topic.rate for topic in found.topics if topic.role == "image"), 0.0)
     expected = expect(sampled, looks, rig, motor, rate, found.duration, config.stripe)
     sampling = Sampling(len(sampled), length, min(len(sampled) * length / duration, 1.0))
     return Health(found, sampling, clocks, motor, pictures, expected, findings, log.remarks)

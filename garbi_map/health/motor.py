@@ -57,7 +57,12 @@ def check_motor(
         where = "throughout" if still.all() else told(runs)
         text = f"encoder: stands still {where}; is the motor on, the encoder connected?"
         findings.append(Finding("encoder_stuck", text, runs[0][0], runs[-1][1]))
-    if in_view is not None and in_view < LEAST_SEEN:
+    if last - first > 2 * np.pi:
+        text = (
+            f"encoder: from {first:.3g} to {last:.3g} rad, more than a turn: degrees or counts? set log.scale.encoder"
+        )
+        findings.append(Finding("encoder_range", text, times[0], times[-1]))
+    elif in_view is not None and in_view < LEAST_SEEN:
         text = (
             f"encoder: turns from {np.degrees(first):.1f} to {np.degrees(last):.1f} degrees, but the camera sees the "
             f"sheet at {in_view:.0%} of these angles only, says the rig file: wrong zero, direction, unit or rig?"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +29,7 @@ class Look:
     """One sampled image. time: s since the log's begin; digest: of its bytes; unusable: why it cannot be read, "" where
     it can; brightness: 99th percentile, 0..255; saturated: share of its pixels; rows: share of its rows with a stripe;
     clipped: share of those that are saturated; sigma: px, median; inside: share of the stripe's rows where the rig
-    expects them, NaN where that is not known; stripe: in full."""
+    expects them, NaN where that is not known; repeats: the image before to the last bit; stripe: in full."""
 
     time: float
     digest: bytes
@@ -43,6 +42,7 @@ class Look:
     sigma: float = np.nan
     inside: float = np.nan
     alpha: float = np.nan
+    repeats: bool = False
     stripe: Stripe | None = None
 
 
@@ -64,12 +64,12 @@ class Pictures:
 def look(found: list[Stretch], rig: Rig | None, settings: StripeSettings) -> list[Look]:
     """The first image of each stretch, looked into; of the others only whether they repeat it."""
     anywhere, expected = StripeDetector(settings, None), StripeDetector(settings, rig)
-    looks = []
+    looks: list[Look] = []
     for one in found:
         for number, image in enumerate(one.images):
             digest = hashlib.blake2b(bytes(image.data), digest_size=8).digest()
             if number:
-                looks.append(Look(one.time, digest))
+                looks.append(Look(one.time, digest, repeats=digest == looks[-1].digest))
                 continue
             try:
                 pixels = decode(image, None, settings.max_pixels)
@@ -126,7 +126,7 @@ def _look(
         float(np.median(stripe.sigma)) if len(stripe.row) else np.nan,
         inside,
         alpha,
-        stripe if fits else None,
+        stripe=stripe if fits else None,
     )
 
 
@@ -187,8 +187,8 @@ def check_pictures(looks: list[Look], rig: Rig | None) -> tuple[Pictures | None,
 
 def _frozen(looks: list[Look]) -> list[Finding]:
     """Images that repeat the one before to the last bit, which no camera does twice."""
-    repeats = [False, *(a.digest == b.digest for a, b in pairwise(looks))]
-    return _shown(looks, "image_frozen", repeats, "images repeat the one before to the last bit: the camera hangs")
+    flags = [one.repeats for one in looks]
+    return _shown(looks, "image_frozen", flags, "images repeat the one before to the last bit: the camera hangs")
 
 
 def _why(looks: list[Look]) -> str:

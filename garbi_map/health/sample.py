@@ -16,6 +16,7 @@ from garbi_map.log.types import log_types
 
 STRETCHES = 48
 LONGEST, SHORTEST = 1.0, 0.2  # s
+SLOWEST = 5.0  # s of a stretch in which there shall be two images
 BYTES = 256 << 20  # of the log that all stretches together may cover, whatever its rate
 IMAGES = 2  # of a stretch that are kept
 
@@ -62,12 +63,13 @@ def stretches(log: Log, joint: str, count: int = STRETCHES) -> tuple[list[Stretc
     begin, end = log.recorded_span()
     duration = max((end - begin) * 1e-9, 1e-3)
     rate = log.size / duration
-    length = float(np.clip(BYTES / (count * rate), SHORTEST, LONGEST))
+    two_images = min(2.2 * duration / max(log.image_count, 1), SLOWEST)
+    length = max(float(np.clip(BYTES / (count * rate), SHORTEST, LONGEST)), two_images)
     count = max(min(count, int(duration / length)), 1)
     length = min(length, duration / count)
     readers, pictures = _readers(log, joint)
     found = []
-    for first in begin + np.linspace(0, max(duration - length, 0), count) * 1e9:
+    for first in _starts(log, begin, duration - length, count):
         last = int(first + length * 1e9)
         one = Stretch((int(first) + last - 2 * begin) * 0.5e-9)
         for topic, message in log.recorded({*readers, *pictures}, int(first), last):
@@ -79,6 +81,18 @@ def stretches(log: Log, joint: str, count: int = STRETCHES) -> tuple[list[Stretc
                 _take(one, role, decode, message, log)
         found.append(one)
     return found, length
+
+
+def _starts(log: Log, begin: int, duration: float, count: int) -> Floats:
+    """Log times, ns, at which stretches begin: evenly spread over what is known of the log."""
+    if not any(index.sampled for index in log.indexes):
+        return begin + np.linspace(0, max(duration, 0), count) * 1e9
+    known = []
+    for index in log.indexes:
+        firsts = [0, *(place for place in index.stretches if place < len(index.pieces))]
+        known.append(index.spans[firsts, 0])
+    starts = np.unique(np.concatenate(known))
+    return starts[np.linspace(0, len(starts) - 1, min(count, len(starts))).astype(int)].astype(float)
 
 
 def _readers(log: Log, joint: str) -> tuple[dict[str, list[tuple[str, Decoder]]], dict[str, str]]:

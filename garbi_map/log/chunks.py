@@ -166,9 +166,12 @@ def read_at(file: BinaryIO, offset: int, length: int) -> memoryview:
     return memoryview(data)
 
 
-def next_chunk(file: BinaryIO, start: int, size: int) -> int | None:
-    """Offset of the first thing at or after `start` that has the shape of a chunk record, None where there is none."""
-    block, overlap = 1 << 24, 64
+def next_chunk(file: BinaryIO, start: int, size: int, block: int = 1 << 24) -> int | None:
+    """Offset of the first thing at or after `start` that has the shape of a chunk record, None where there is none.
+
+    block: bytes that are read at once.
+    """
+    overlap = 64
     while start < size:
         file.seek(start)
         data = file.read(block + overlap)

@@ -46,6 +46,8 @@ class Rhythms:
 def find_rhythms(log: Log) -> Rhythms:
     """The rhythm of every topic that has messages."""
     indexes = log.indexes
+    if any(index.sampled for index in indexes):
+        return _from_stretches(log)
     if not indexes or any(index.times is not None for index in indexes):
         return _exact(log)
     if sum(len(piece.indexes) for index in indexes for piece in index.pieces) <= READ_ALL:
@@ -66,6 +68,22 @@ def _exact(log: Log) -> Rhythms:
         silences = tuple((int(edges[i]), int(edges[i + 1])) for i in silent) if interval else ()
         found[topic] = Rhythm(interval, silences)
     return Rhythms(found)
+
+
+def _from_stretches(log: Log) -> Rhythms:
+    """Of a log that was only looked at here and there: usual intervals, and no silences."""
+    times: dict[str, list[Stamps]] = defaultdict(list)
+    for index in log.indexes:
+        for channel, parts in (index.times or {}).items():
+            times[index.topic(channel)] += parts
+    begin, end = log.recorded_span()
+    stretches = sum(1 + len(index.stretches) for index in log.indexes)
+    rhythms = {}
+    for topic, parts in times.items():
+        steps = np.diff(np.sort(np.concatenate(parts)))
+        often = len(steps) > 3 * stretches  # else most steps lead from one stretch to the next
+        rhythms[topic] = Rhythm(float(np.median(steps)) * 1e-9 if often else 0.0, ())
+    return Rhythms(rhythms, (end - begin) * 1e-9)
 
 
 def _limit(interval: float) -> float:

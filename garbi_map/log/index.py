@@ -45,6 +45,8 @@ class Index:
     pieces      in file order; counts: channel -> messages; times: channel -> log times (n,), of a walked file only
     attachments name -> (offset, length) of the record
     losses      what was found damaged, one line each
+    sampled     only stretches of the file were looked at: `pieces` and `counts` are of these
+    stretches   places in `pieces` at which one begins, but for the first
     """
 
     path: Path
@@ -56,6 +58,8 @@ class Index:
     attachments: dict[str, tuple[int, int]] = field(default_factory=dict)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     losses: list[str] = field(default_factory=list)
+    sampled: bool = False
+    stretches: list[int] = field(default_factory=list)
 
     @cached_property
     def spans(self) -> Stamps:

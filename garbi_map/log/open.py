@@ -14,14 +14,17 @@ from garbi_map.log.index import Index
 from garbi_map.log.reader import Log
 from garbi_map.log.settings import LogSettings
 from garbi_map.log.summary import index_from_summary
-from garbi_map.log.walk import index_by_walking
+from garbi_map.log.walk import index_by_seeking, index_by_walking
 
 LISTING = "metadata.yaml"
+WALKED = 1 << 28  # bytes; a smaller file is walked through however quick it shall be
 
 
-def open_log(paths: Sequence[Path], settings: LogSettings | None = None) -> Log:
+def open_log(paths: Sequence[Path], settings: LogSettings | None = None, quick: bool = False) -> Log:
     """MCAP files and rosbag2 directories as one log; several are read one after the other in the order of their begin.
     A ROS 1 bag and a rosbag2 database are read too, one at a time.
+
+    quick: of a large file without an index only stretches are known, instead of walking through it; told as a loss.
 
     Raises GarbiError on a missing file or directory, on what is no log, and on a log without a message.
     """
@@ -36,7 +39,7 @@ def open_log(paths: Sequence[Path], settings: LogSettings | None = None) -> Log:
     files = [file for path in paths for file in _files_of(Path(path))]
     if not files:
         raise GarbiError("no log given")
-    indexes = sorted((read_index(file) for file in files), key=lambda index: index.begin)
+    indexes = sorted((read_index(file, quick) for file in files), key=lambda index: index.begin)
     return Log(indexes, settings)
 
 
@@ -85,7 +88,7 @@ def _listing(path: Path) -> dict[str, Any]:
         raise GarbiError(f"{listing}: not the metadata of a rosbag2 log") from error
 
 
-def read_index(path: Path) -> Index:
+def read_index(path: Path, quick: bool = False) -> Index:
     """The index of a file. Damage goes into its losses; raises GarbiError where it is no MCAP or holds no message."""
     try:
         with path.open("rb") as file:
@@ -98,9 +101,14 @@ def read_index(path: Path) -> Index:
             except DAMAGE as error:
                 if not sound_start:
                     raise GarbiError(f"{path}: not an MCAP file") from error
-                index = index_by_walking(path, file, size)
-                if not isinstance(error, Unindexed):
-                    index.losses.insert(0, f"{path.name}: no index at its end ({reason(error)}); read record by record")
+                if quick and size > WALKED:
+                    index = index_by_seeking(path, file, size)
+                    how = "only stretches of it were looked at, and counts are theirs; --full reads all of it"
+                else:
+                    index = index_by_walking(path, file, size)
+                    how = "read record by record"
+                if index.sampled or not isinstance(error, Unindexed):
+                    index.losses.insert(0, f"{path.name}: no index at its end ({reason(error)}); {how}")
             if not sound_start:
                 index.losses.append(f"{path.name}: its first bytes are damaged")
     except OSError as error:

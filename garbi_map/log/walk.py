@@ -17,6 +17,8 @@ from garbi_map.log.index import Index, Piece
 from garbi_map.words import many
 
 RAW_PIECE = 1 << 20  # bytes of a file without chunks that are read at once
+STRETCH = 1 << 22  # bytes of a stretch where a file is sampled
+SEEK_BLOCK = 1 << 20  # bytes that are read at once to find a chunk
 SMALL = 1 << 28  # bytes; no record but a chunk or an attachment is larger
 PLAIN = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE}
 
@@ -27,6 +29,22 @@ def index_by_walking(path: Path, file: BinaryIO, size: int) -> Index:
     position: int | None = len(MAGIC)
     while position is not None and position < size:
         position = walk.step(position)
+    return walk.finish()
+
+
+def index_by_seeking(path: Path, file: BinaryIO, size: int, places: int = 64) -> Index:
+    """The index of a few stretches of a large file, evenly spread, its begin and its end among them. Never raises on
+    damage; what lies between the stretches is neither known nor lost."""
+    walk = _Walk(path, file, size)
+    walk.index.sampled = True
+    length = min(STRETCH, size // (places + 2))
+    for start in [len(MAGIC), *range(size // places, size - length, size // places), max(size - length, len(MAGIC))]:
+        position: int | None = start
+        if start > len(MAGIC):
+            walk.index.stretches.append(len(walk.index.pieces))
+            position = chunks.next_chunk(file, start, size, SEEK_BLOCK)
+        while position is not None and position < min(start + length, size):
+            position = walk.step(position)
     return walk.finish()
 
 
