@@ -160,7 +160,7 @@ def test_clocks(tmp_path: Path, dive: Path) -> None:
     found = health(rewrite(dive, tmp_path / "log.mcap", restamp=restamp))
     texts = {one.kind: one.text for one in found.findings}
     assert re.match(r"dvl: its clock jumps by -1\.[45]", texts["clock_jump"])
-    assert "pressure: its stamps are -3 s from those of the images" in " ".join(one.text for one in found.findings)
+    assert any(re.match(r"pressure: its stamps are \+(3|2\.9\d) s from", one.text) for one in found.findings)
     assert texts["stamps_go_back"].startswith("imu: stamps repeat")
 
 

@@ -87,7 +87,7 @@ def _apart(clocks: list[Clock], found: list[Stretch]) -> list[Finding]:
     return [
         Finding(
             "clocks_apart",
-            f"{role}: its stamps are {by - reference:+.3g} s from those of the images, as their arrivals tell; "
+            f"{role}: its stamps are {reference - by:+.3g} s from those of the images, as their arrivals tell; "
             f"synchronise the clocks",
             found[0].time,
             found[-1].time,
