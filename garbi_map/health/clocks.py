@@ -38,15 +38,17 @@ def check_clocks(found: list[Stretch], roles: list[str], reorder: float) -> tupl
         places = list(of_role(found, role, LEAST))
         if not places:
             continue
-        steps = np.concatenate([np.diff(np.sort(said.stamp_ns)) for _, said in places]) * 1e-9
+        steps = np.concatenate([np.diff(np.unique(said.stamp_ns)) for _, said in places]) * 1e-9
+        if not len(steps):
+            continue
         usual = float(np.median(steps))
-        jitter = float(np.percentile(np.abs(steps - usual), 95)) / usual if usual > 0 else np.inf
+        jitter = float(np.percentile(np.abs(steps - usual), 95)) / usual
         offsets = np.array([np.median(said.arrival_ns - said.stamp_ns) for _, said in places]) * 1e-9
         times = [stretch.time for stretch, _ in places]
-        clocks.append(Clock(role, 1 / usual if usual > 0 else 0.0, jitter, float(np.median(offsets))))
+        clocks.append(Clock(role, 1 / usual, jitter, float(np.median(offsets))))
         findings += _jumps(role, times, offsets)
         findings += _backwards(role, times, [_is_backwards(said.stamp_ns, reorder) for _, said in places])
-        if jitter > JITTER and usual > 0:
+        if jitter > JITTER:
             text = f"{role}: intervals vary by {jitter:.0%} of the usual {usual * 1e3:.3g} ms; are stamps those of arrival?"
             findings.append(Finding("jitter", text, times[0], times[-1]))
     findings += _apart(clocks, found)
