@@ -162,7 +162,7 @@ def test_clocks(tmp_path: Path, dive: Path) -> None:
     assert re.match(r"dvl: its clock jumps by -1\.[45]", texts["clock_jump"])
     (ahead,) = [one.text for one in found.findings if one.text.startswith("pressure: its stamps are")]
     assert re.search(r"\+(3|2\.9)[\d.]* s from those of the images", ahead)
-    assert texts["stamps_go_back"].startswith("imu: stamps repeat")
+    assert any(one.text.startswith("imu: stamps repeat") for one in found.findings)
 
 
 def test_silences_are_still_told(tmp_path: Path, dive: Path) -> None:

@@ -13,6 +13,7 @@ import numpy as np
 from garbi_map.health.motor import Motor
 from garbi_map.health.pictures import Look
 from garbi_map.health.sample import Stretch, of_role
+from garbi_map.log.records import Floats
 from garbi_map.rig import Rig
 from garbi_map.stripe.settings import StripeSettings
 
@@ -93,14 +94,16 @@ def expect(
 
 def _speed(found: list[Stretch]) -> float | None:
     """Median speed, m/s, by the DVL, else by somebody else's odometry."""
-    speeds = [np.linalg.norm(said.values[:, :3], axis=1) for _, said in of_role(found, "dvl")]
-    if speeds:
-        known = np.concatenate(speeds)
-        known = known[np.isfinite(known)]
-        return float(np.median(known)) if len(known) else None
+    means = [good.mean(axis=0) for _, said in of_role(found, "dvl") if len(good := _finite(said.values[:, :3]))]
+    if means:
+        return float(np.median(np.linalg.norm(means, axis=1)))  # of stretches, as single readings are noisy
     steps = []
     for _, said in of_role(found, "odometry", 2):
         seconds = np.diff(said.stamp_ns) * 1e-9
         moved = np.linalg.norm(np.diff(said.values[:, :3], axis=0), axis=1)
         steps.append(moved[seconds > 0] / seconds[seconds > 0])
     return float(np.median(np.concatenate(steps))) if steps and len(np.concatenate(steps)) else None
+
+
+def _finite(rows: Floats) -> Floats:
+    return rows[np.isfinite(rows).all(axis=1)]
