@@ -130,8 +130,12 @@ class Bag(Log):
         ]
 
     def log_times(self) -> dict[str, Stamps]:
-        """Log times of every message by topic, ascending."""
+        """Log times of every message by topic, ascending; of a database by reading it, which takes long for a long one."""
         times: dict[str, list[int]] = {}
+        if self._ros1:
+            for one in self._reader.connections:
+                times.setdefault(one.topic, []).extend(entry.time for entry in self._reader.indexes[one.id])
+            return {topic: np.sort(np.array(found, np.int64)) for topic, found in times.items() if found}
         for topic, message in self.messages(set(self.topics)):
             times.setdefault(topic, []).append(message.log_time)
         return {topic: np.sort(np.array(found, np.int64)) for topic, found in times.items()}

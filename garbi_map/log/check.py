@@ -126,7 +126,7 @@ def check_log(log: Log, whole: bool | None = None) -> LogCheck:
 
 def _no_images(log: Log) -> str:
     pictures = [name for name, topic in log.topics.items() if topic.type in IMAGE_TYPES and topic.count]
-    hint = f"; images are on {', '.join(pictures)}: set log.topics.image" if pictures else ""
+    hint = f"; images are on {', '.join(pictures)}: garbi check --suggest-topics prints a topic map" if pictures else ""
     return f"no images on {log.settings.topics.image}, there is nothing to map{hint}"
 
 

@@ -218,10 +218,10 @@ class Log:
             for number, channel in sorted(index.channels.items()):
                 schema = index.schemas.get(channel.schema_id)
                 known = topics.get(channel.topic)
-                topics[channel.topic] = Topic(
-                    schema.name if schema else (known.type if known else ""),
-                    index.counts[number] + (known.count if known else 0),
-                )
+                name = schema.name if schema else (known.type if known else "")
+                if channel.message_encoding not in ("cdr", ""):
+                    name = f"{name} as {channel.message_encoding}"  # which no role can use, and says so
+                topics[channel.topic] = Topic(name, index.counts[number] + (known.count if known else 0))
         return topics
 
     def _find_times(self) -> tuple[int, int]:
