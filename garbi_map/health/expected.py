@@ -29,9 +29,9 @@ class Expected:
     point_sigma_m     1 sigma of a point from the stripe alone, m: median and 95th percentile
     swath_m           width of the ground that a sweep covers, m: mean of its two sides
     points_per_sweep
-    points_per_cm2    on ground that is seen as often as `overlap` says
-    overlap           how many sweeps see a piece of ground
-    area_m2           swath times the way, as if no ground were seen twice
+    points_per_cm2    all points over that area
+    overlap           how many sweeps see a piece of it
+    area_m2           the first footprint, and the swath times the way: as if no way were gone twice
     speed_m_s         median
     """
 
@@ -70,21 +70,21 @@ def expect(
     if len(cloud) < LEAST_POINTS:
         return None
     low, high = np.percentile(cloud[:, 1:], FOOTPRINT, axis=0)
-    sides = np.maximum(high - low, 1e-3)
-    per_sweep = len(cloud) / len(good) * image_rate * (motor.sweep if motor and motor.sweep else 1.0)
+    footprint = float(np.maximum(high - low, 1e-3).prod())
+    swath = float(np.sqrt(footprint))
+    sweep = motor.sweep if motor and motor.sweep else 1.0
+    per_second = len(cloud) / len(good) * image_rate
     speed = _speed(found)
-    swath = float(np.sqrt(sides.prod()))
     overlap = area = dense = None
     if motor is not None and motor.sweep and speed is not None:
-        overlap = max(swath / max(speed * motor.sweep, 1e-3), 1.0)
-        overlap = min(overlap, duration / motor.sweep)
-        area = swath * max(speed * duration, swath)
-        dense = per_sweep / float(sides.prod() * 1e4) * overlap
+        area = footprint + swath * speed * duration
+        overlap = footprint / area * max(duration / sweep, 1.0)
+        dense = per_second * duration / area * 1e-4
     return Expected(
         range_m=float(np.median(rig.depth(cloud))),
         point_sigma_m=(float(np.median(sigmas)), float(np.percentile(sigmas, 95))),
         swath_m=swath,
-        points_per_sweep=float(per_sweep),
+        points_per_sweep=float(per_second * sweep),
         points_per_cm2=dense,
         overlap=overlap,
         area_m2=area,
