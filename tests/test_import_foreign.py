@@ -22,6 +22,9 @@ from garbi_map.importing import import_log, suggest_topics
 from garbi_map.importing.plausible import judge
 from garbi_map.importing.suggest import Candidate, Suggestion
 from garbi_map.log import LogSettings, LogWriter, Mount, Navigation, Scale, Topics, open_log
+from garbi_map.log.decode import BAD_MESSAGE, WIDTHS, decoders
+from garbi_map.log.foreign import HEADERLESS
+from garbi_map.log.types import log_types
 
 SECONDS = 2.0
 SENSORS = {"encoder": "angle", "imu": "rate", "pressure": "pressure", "dvl": "velocity"}
@@ -193,6 +196,7 @@ def test_bags_come_alone(tmp_path: Path) -> None:
         import_log(open_log([bag], suggest_topics(open_log([bag])).settings()), bag)
 
 
+DECODERS = decoders(log_types(()), "laser_joint", set())
 names = st.text(min_size=1, max_size=30)
 
 
@@ -230,3 +234,16 @@ def test_any_topic_map_at_all(tmp_path_factory: pytest.TempPathFactory, content:
         assert isinstance(load_config(path).log.scale, Scale)
     except GarbiError as error:
         assert "\n" not in str(error)
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.binary(max_size=700), st.booleans())
+def test_any_message_at_all(data: bytes, headed: bool) -> None:
+    """Every decoder of every role makes a row of its width of any bytes, or calls them bad."""
+    for role, usable in DECODERS.items():
+        for name, decode in usable.items():
+            try:
+                row = decode(memoryview((b"\0\1\0\0" if headed else b"") + data))
+            except BAD_MESSAGE:
+                continue
+            assert row is None or (len(row[1]) == WIDTHS[role] and (row[0] is None) == (name in HEADERLESS))

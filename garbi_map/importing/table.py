@@ -165,16 +165,16 @@ class _Columns:
                 self._fail(line, f"its time {told}; sort the rows by time, or remove it")
             self.stamps.append(stamp)
         for name, place, factor, values in self.numbers:
-            values.append(factor * self._number(line, name, cells[place]))
+            values.append(self._number(line, name, cells[place], factor))
         for name, place, texts in self.texts:
             if not cells[place]:
                 self._fail(line, f"no {name}; fill it in or remove the line")
             texts.append(cells[place])
         self.lines.append(line)
 
-    def _number(self, line: int, name: str, cell: str) -> float:
+    def _number(self, line: int, name: str, cell: str, factor: float) -> float:
         try:
-            value = float(cell)
+            value = factor * float(cell)
         except ValueError:
             value = math.nan
         if not math.isfinite(value):

@@ -97,7 +97,7 @@ def _turns(table: Table) -> Floats | None:
     """Attitudes (n, 4) xyzw; roll, pitch, yaw turn about x, then y, then z of the fixed frame."""
     quaternion, euler = table.stacked(QUATERNION), table.stacked(EULER)
     if quaternion is not None:
-        length = np.linalg.norm(quaternion, axis=1, keepdims=True)
+        length = np.linalg.norm(np.clip(quaternion, -2, 2), axis=1, keepdims=True)
         wrong = np.flatnonzero(~(np.abs(length[:, 0] - 1) < 0.1))
         if len(wrong):
             line = table.lines[wrong[0]]
