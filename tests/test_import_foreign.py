@@ -14,9 +14,10 @@ from dive_logs import SAMPLE
 from foreign_logs import RENAMED, as_it_is, other_types, told_again, write_database, write_ros1, write_split
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from mcap.writer import Writer
 from sample_log import START
 
-from garbi_map.config import Config
+from garbi_map.config import Config, load_config
 from garbi_map.errors import GarbiError
 from garbi_map.importing import import_log, suggest_topics
 from garbi_map.importing.plausible import judge
@@ -24,8 +25,9 @@ from garbi_map.importing.suggest import Candidate, Suggestion
 from garbi_map.log import LogSettings, LogWriter, Mount, Navigation, Scale, Topics, open_log
 from garbi_map.log.decode import BAD_MESSAGE, WIDTHS, decoders
 from garbi_map.log.foreign import HEADERLESS
-from garbi_map.log.types import log_types
+from garbi_map.log.types import log_types, standard_types
 
+PRESSURE = "sensor_msgs/msg/FluidPressure"
 SECONDS = 2.0
 SENSORS = {"encoder": "angle", "imu": "rate", "pressure": "pressure", "dvl": "velocity"}
 
@@ -78,7 +80,7 @@ def test_import_writes_what_it_reads(tmp_path: Path, reference: Navigation, garb
         np.testing.assert_allclose(getattr(theirs, value), getattr(ours, value), rtol=1e-12, atol=1e-12)
     assert {found.topics[name].type for name in ("/laser/joint_states", "/depth/pressure", "/dvl/twist")} == {
         "sensor_msgs/msg/JointState",
-        "sensor_msgs/msg/FluidPressure",
+        PRESSURE,
         "geometry_msgs/msg/TwistWithCovarianceStamped",
     }
     assert found.image_count == len(list(open_log([SAMPLE]).images(None, found.begin_ns + round(SECONDS * 1e9))))
@@ -123,6 +125,42 @@ def test_frames_and_attitude_of_their_own(tmp_path: Path) -> None:
     assert navigation.imu is not None
     assert np.isnan(navigation.imu.attitude[0]).all()
     np.testing.assert_allclose(np.arctan2(*navigation.imu.attitude[1:, 2:].T), (np.arange(1, 50) - 0.5) / 100)
+
+
+def test_no_stamp_on_another_clock(tmp_path: Path) -> None:
+    """Where stamps and recording are years apart, a message without a stamp is put on the clock of the others."""
+    types, years = standard_types(), 10**17
+    with (tmp_path / "log.mcap").open("wb") as file, LogWriter(tmp_path / "unused.mcap") as headers:
+        headers.write_encoder(START, 0.0)
+        writer = Writer(file)
+        writer.start("ros2")
+        channels = {}
+        for topic, name in (("/depth/pressure", PRESSURE), ("/motor", "std_msgs/msg/Float64")):
+            text = types.generate_msgdef(name, ros_version=2)[0].encode()
+            channels[name] = writer.register_channel(topic, "cdr", writer.register_schema(name, "ros2msg", text))
+        for step in range(20):
+            stamp = START + step * 10**8
+            for name, message in (
+                (
+                    "sensor_msgs/msg/FluidPressure",
+                    {"header": headers.header(stamp, ""), "fluid_pressure": 1e5, "variance": 0.0},
+                ),
+                ("std_msgs/msg/Float64", {"data": 0.1 * step}),
+            ):
+                data = bytes(types.serialize_cdr(types.types[name](**message), name))
+                writer.add_message(channels[name], stamp + years, data, stamp + years)
+        writer.finish()
+    encoder = open_log([tmp_path / "log.mcap"], LogSettings(topics=Topics(encoder="/motor"))).navigation().encoder
+    assert encoder is not None
+    np.testing.assert_array_equal(encoder.stamp_ns, START + np.arange(20) * 10**8)
+
+
+def test_a_depth_needs_no_water(tmp_path: Path) -> None:
+    """Metres are metres in any water: a density of one's own beside a topic of depths is a mistake that is told."""
+    path = tmp_path / "config.yaml"
+    path.write_text("log: {topics: {depth: /depth}}\nnavigate: {water_density: 1000}\n")
+    with pytest.raises(GarbiError, match=r"log\.topics\.depth is metres already"):
+        load_config(path)
 
 
 def test_one_topic_in_two_roles(tmp_path: Path) -> None:
@@ -226,8 +264,6 @@ CONTENT = st.recursive(
 @given(CONTENT)
 def test_any_topic_map_at_all(tmp_path_factory: pytest.TempPathFactory, content: object) -> None:
     """A topic map is a configuration or one line of error."""
-    from garbi_map.config import load_config
-
     path = tmp_path_factory.getbasetemp() / "map.yaml"
     path.write_text(yaml.safe_dump(content))
     try:

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from garbi_map.log.check import LogCheck
 
 
+_BARS = " ▁▂▃▄▅▆▇█"  # nothing to all of an image's rows with a stripe
+
+
 @app.command("check")
 def check(
     logs: Annotated[list[Path], typer.Argument(help="MCAP files, rosbag2 directories or a ROS 1 bag, read as one log")],
@@ -117,6 +120,7 @@ def _figures(found: Health) -> list[str]:
             f"Stripe: seen in {percent(pictures.stripe_seen)} of {pictures.looked_at} images, in "
             f"{percent(pictures.stripe_rows)} of their rows, {pictures.stripe_sigma:.2f} px{where}."
         )
+        lines.append(f"Over time: {''.join(_BARS[round(rows * (len(_BARS) - 1))] for _, rows in pictures.over_time)}")
     if motor and motor.speed:
         lines.append(f"Laser: {motor.first:.3f} to {motor.last:.3f} rad, {motor.sweep:.1f} s a sweep.")
     if found.expected:

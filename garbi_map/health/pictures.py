@@ -49,7 +49,7 @@ class Look:
 @dataclass(frozen=True)
 class Pictures:
     """Medians over the sampled images, and shares of them. expected: share of the stripe that lies where the rig
-    expects it, None where that is not known."""
+    expects it, None where that is not known; over_time: (s, share of the rows with a stripe) of each image."""
 
     looked_at: int
     size: tuple[int, int]
@@ -59,6 +59,7 @@ class Pictures:
     stripe_rows: float
     stripe_sigma: float
     expected: float | None
+    over_time: list[tuple[float, float]]
 
 
 def look(found: list[Stretch], rig: Rig | None, settings: StripeSettings) -> list[Look]:
@@ -182,6 +183,7 @@ def check_pictures(looks: list[Look], rig: Rig | None) -> tuple[Pictures | None,
         stripe_rows=float(np.median([one.rows for one in read])),
         stripe_sigma=float(np.median(sigma)) if sigma else 0.0,
         expected=expected,
+        over_time=[(one.time, one.rows) for one in read],
     ), findings
 
 

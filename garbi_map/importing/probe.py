@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from rosbags.typesys.store import Typestore
 
 from garbi_map.log import Log
 from garbi_map.log.decode import BAD_MESSAGE, IMAGE_TYPES, Decoder, decode_image, decoders, frame_of
@@ -48,7 +49,7 @@ def probe(log: Log, seconds: float = SECONDS) -> list[Probe]:
     for topic, about in log.topics.items():
         joints: set[str] = set()
         for role, usable in decoders(types, "", joints).items():
-            if about.count and about.type in usable and _defined(types, about.type):
+            if about.count and about.type in usable and about.type in types.fielddefs:
                 one = Probe(role, topic, about.type, joints=joints)
                 found.append(one)
                 readers.setdefault(topic, []).append((one, usable[about.type]))
@@ -64,10 +65,6 @@ def probe(log: Log, seconds: float = SECONDS) -> list[Probe]:
     return found
 
 
-def _defined(types: object, name: str) -> bool:
-    return name in getattr(types, "fielddefs", {})
-
-
 def _take(one: Probe, decode: Decoder, data: memoryview) -> None:
     try:
         if one.type not in HEADERLESS:
@@ -79,9 +76,9 @@ def _take(one: Probe, decode: Decoder, data: memoryview) -> None:
         one.rows.append(tuple(row[1]))
 
 
-def _take_picture(one: Probe, types: object, data: memoryview) -> None:
+def _take_picture(one: Probe, types: Typestore, data: memoryview) -> None:
     try:
-        image = decode_image(types, one.type, data, 0)  # type: ignore[arg-type]
+        image = decode_image(types, one.type, data, 0)
     except BAD_MESSAGE:
         return
     one.picture = f"{image.encoding} {image.width} x {image.height}" if image.height else image.encoding

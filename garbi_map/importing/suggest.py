@@ -12,6 +12,7 @@ from garbi_map.importing.plausible import judge
 from garbi_map.importing.probe import Probe, probe
 from garbi_map.log import Frames, Log, LogSettings, Scale, Topics
 from garbi_map.log.decode import IMAGE_TYPES
+from garbi_map.log.navigation import TRANSFORMS, read_mounts
 from garbi_map.words import many
 
 CONTRACT = {
@@ -68,13 +69,12 @@ class Suggestion:
     frames: dict[str, str]
     remarks: list[str] = field(default_factory=list)
 
-    def settings(self, base: LogSettings | None = None) -> LogSettings:
+    def settings(self) -> LogSettings:
         """How the log is to be read; what was not found is left out."""
         topics = dict.fromkeys(Topics.model_fields, "")
         topics |= {role: one.topic for role, one in self.chosen.items()} | self.found
         scale = {role: one.scale for role, one in self.chosen.items() if role in Scale.model_fields}
-        parts = {"topics": Topics(**topics), "scale": Scale(**scale), "frames": Frames(**self.frames)}
-        return (base or LogSettings()).model_copy(update=parts)
+        return LogSettings(topics=Topics(**topics), scale=Scale(**scale), frames=Frames(**self.frames))
 
     def to_yaml(self) -> str:
         """A configuration with the reasons as comments."""
@@ -84,14 +84,10 @@ class Suggestion:
             one = self.chosen.get(role)
             why = one.remark if one else "" if topic else "nothing fits"
             lines.append(f"    {role}: {_text(topic)}" + (f"  # {_line(why)}" if why else ""))
-        for section, values in (("scale", settings.scale.model_dump()), ("frames", self.frames)):
-            told = {key: value for key, value in values.items() if section == "frames" or value != 1.0}
-            if told:
-                lines.append(f"  {section}:")
-                lines += [
-                    f"    {key}: {value!r}" if section == "scale" else f"    {key}: {_text(value)}"
-                    for key, value in told.items()
-                ]
+        scales = [f"    {role}: {scale!r}" for role, scale in settings.scale.model_dump().items() if scale != 1.0]
+        frames = [f"    {ours}: {_text(theirs)}" for ours, theirs in self.frames.items()]
+        lines += ["  scale:", *scales] if scales else []
+        lines += ["  frames:", *frames] if frames else []
         for one in self.others:
             lines.append(f"# or {one.role}: {_line(_text(one.topic))} ({_line(one.remark)})")
         return "\n".join(lines) + "\n"
@@ -116,12 +112,7 @@ def suggest_topics(log: Log, seconds: float = 20.0) -> Suggestion:
             chosen[role] = free[0]
             used.add(free[0].topic)
             others += free[1:]
-    found: dict[str, str] = {}
-    for name, about in log.topics.items():
-        if about.type == "tf2_msgs/msg/TFMessage" and "static" in name:
-            found.setdefault("tf_static", name)
-        if about.type == "sensor_msgs/msg/CameraInfo" and _near(name, chosen.get("image")):
-            found.setdefault("camera_info", name)
+    found = _the_rest(log, chosen.get("image"))
     frames, remarks = _frames(log, chosen, found)
     remarks += [
         f"no {role}: {what}"
@@ -158,6 +149,17 @@ def _has_attitude(chosen: Mapping[str, Candidate]) -> bool:
     return "imu" in chosen and chosen["imu"].attitude
 
 
+def _the_rest(log: Log, image: Candidate | None) -> dict[str, str]:
+    """The topics that their type alone tells: static transforms, and what the camera says of itself."""
+    found: dict[str, str] = {}
+    for name, about in log.topics.items():
+        if about.type == TRANSFORMS and "static" in name:
+            found.setdefault("tf_static", name)
+        if about.type == "sensor_msgs/msg/CameraInfo" and _near(name, image):
+            found.setdefault("camera_info", name)
+    return found
+
+
 def _near(name: str, image: Candidate | None) -> bool:
     """Whether a topic belongs to the same camera."""
     return image is not None and name.split("/")[:2] == image.topic.split("/")[:2]
@@ -165,8 +167,6 @@ def _near(name: str, image: Candidate | None) -> bool:
 
 def _frames(log: Log, chosen: Mapping[str, Candidate], found: Mapping[str, str]) -> tuple[dict[str, str], list[str]]:
     """What the log calls the sensors' frames, where its transforms know them."""
-    from garbi_map.log.navigation import read_mounts
-
     if "tf_static" not in found:
         return {}, ["no static transforms: every sensor is taken to sit in base_link"]
     known = read_mounts(log, found["tf_static"])
