@@ -79,6 +79,7 @@ def test_what_headings_mean(text: str, quantity: object, name: str, unit: str) -
         ("time_s,angle_rad\n", "no rows"),
         ("time_s,angle_rad\n1,2\n\n2\n", "line 4: 1 cells, the heading has 2; correct or remove"),
         ("time_s,angle_rad\n1,two\n", "line 2: angle is 'two', not a number; correct or remove"),
+        ("time_s,angle_rad\n1,1_0\n", "line 2: angle is '1_0', not a number"),
         ("time_s,angle_rad\n1,nan\n", "line 2: angle is 'nan', not a number"),
         ("time_s,angle_rad\n1,\n", "line 2: angle is '', not a number"),
         ("time_s,angle_rad\n-1,0\n", "line 2: time is '-1', not a time"),

@@ -174,7 +174,7 @@ class _Columns:
 
     def _number(self, line: int, name: str, cell: str, factor: float) -> float:
         try:
-            value = factor * float(cell)
+            value = factor * float(cell) if _is_plain(cell) else math.nan
         except ValueError:
             value = math.nan
         if not math.isfinite(value):
@@ -184,7 +184,7 @@ class _Columns:
     def _stamp(self, line: int, cell: str, factor: int) -> int:
         try:
             value = Decimal(cell)
-            if not value.is_finite() or not 0 <= value < LAST_NS:
+            if not _is_plain(cell) or not value.is_finite() or not 0 <= value < LAST_NS:
                 raise InvalidOperation
             stamp = int((value * factor).to_integral_value())
         except InvalidOperation:
@@ -212,6 +212,11 @@ def _is_number(text: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+def _is_plain(cell: str) -> bool:
+    """Without what Python takes for a part of a number and a table does not mean: 1_000, other scripts' digits."""
+    return cell.isascii() and "_" not in cell
 
 
 def _shown(cell: str) -> str:
