@@ -13,6 +13,7 @@ from garbi_map.errors import GarbiError
 from garbi_map.export.settings import ExportSettings
 from garbi_map.log.settings import LogSettings
 from garbi_map.navigate.settings import NavigateSettings
+from garbi_map.plain_yaml import read_yaml
 from garbi_map.register.settings import RegisterSettings
 from garbi_map.seabed.settings import SeabedSettings
 from garbi_map.settings import Settings
@@ -56,11 +57,7 @@ def load_config(path: Path | None) -> Config:
     if path is None:
         return Config()
     try:
-        return Config.model_validate(yaml.safe_load(path.read_text()) or {})
-    except OSError as error:
-        raise GarbiError(f"{path}: cannot be read: {error.strerror}") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise GarbiError(f"{path}: not YAML: {' '.join(str(error).split())}") from error
+        return Config.model_validate(read_yaml(path) or {})
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"])

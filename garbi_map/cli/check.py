@@ -88,8 +88,10 @@ def _print(found: Health) -> None:
 def _print_topics(console: Console, found: LogCheck) -> None:
     from datetime import UTC, datetime
 
-    from rich.markup import escape
     from rich.table import Table
+    from rich.text import Text
+
+    from garbi_map.words import printable
 
     begin = datetime.fromtimestamp(found.begin_ns * 1e-9, UTC)
     console.print(f"{begin:%Y-%m-%d %H:%M:%S} UTC, {found.duration:.1f} s", highlight=False)
@@ -100,7 +102,7 @@ def _print_topics(console: Console, found: LogCheck) -> None:
         gaps = ", ".join(f"{gap.begin:.1f} to {gap.end:.1f} s" for gap in topic.gaps[:3])
         more = f" and {len(topic.gaps) - 3} more" if len(topic.gaps) > 3 else ""
         rate = f"{topic.rate:.1f} Hz" if topic.rate else ""
-        name, kind = escape(topic.name), escape(topic.type.rpartition("/")[2])
+        name, kind = (Text(printable(text)) for text in (topic.name, topic.type.rpartition("/")[2]))
         table.add_row(name, kind, topic.role, str(topic.count), rate, gaps + more)
     console.print(table)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import yaml
 
 from garbi_map.errors import GarbiError
 from garbi_map.importing.quantities import (
@@ -25,6 +24,7 @@ from garbi_map.log import Dvl, Encoder, Imu, Mount, Odometry, Pressure
 from garbi_map.log.attitude import with_attitude
 from garbi_map.log.navigation import pressure_at
 from garbi_map.log.records import Attitude, Floats
+from garbi_map.plain_yaml import read_yaml
 
 
 def read_angles(path: Path) -> Table:
@@ -112,12 +112,7 @@ def _turns(table: Table) -> Floats | None:
 
 def read_mount_file(path: Path) -> dict[str, Mount]:
     """Poses in base_link from YAML: `imu_link: {xyz: [0.1, 0, 0], quaternion_xyzw: [0, 0, 0, 1]}`."""
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise GarbiError(f"{path}: cannot be read: {error.strerror}") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise GarbiError(f"{path}: not YAML: {' '.join(str(error).split())}") from error
+    content = read_yaml(path)
     mounts = {}
     for frame, pose in content.items() if isinstance(content, dict) else ():
         try:

@@ -107,7 +107,7 @@ class Bag(Log):
                     except BAD_MESSAGE:
                         self.lose(f"{connection.topic}: some messages are not readable as {connection.msgtype}")
                         continue
-                yield connection.topic, RawMessage(connection.id, at, at, memoryview(data))
+                yield connection.topic, RawMessage(connection.id, 0, at, at, memoryview(data))
         except GarbiError:
             raise
         except Exception as error:

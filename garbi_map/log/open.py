@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from garbi_map.errors import GarbiError
 from garbi_map.log.chunks import DAMAGE, MAGIC, Unindexed, reason
 from garbi_map.log.index import Index
@@ -15,6 +13,7 @@ from garbi_map.log.reader import Log
 from garbi_map.log.settings import LogSettings
 from garbi_map.log.summary import index_from_summary
 from garbi_map.log.walk import index_by_seeking, index_by_walking
+from garbi_map.plain_yaml import read_yaml
 
 LISTING = "metadata.yaml"
 WALKED = 1 << 28  # bytes; a smaller file is walked through however quick it shall be
@@ -82,9 +81,9 @@ def _listing(path: Path) -> dict[str, Any]:
     """What a rosbag2 directory says about itself; relative_file_paths is a list."""
     listing = path / LISTING
     try:
-        bag = yaml.safe_load(listing.read_text())["rosbag2_bagfile_information"]
+        bag = read_yaml(listing)["rosbag2_bagfile_information"]
         return {**bag, "relative_file_paths": list(bag["relative_file_paths"])}
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, LookupError, TypeError, AttributeError, ValueError) as error:
+    except (GarbiError, LookupError, TypeError, AttributeError, ValueError) as error:
         raise GarbiError(f"{listing}: not the metadata of a rosbag2 log") from error
 
 

@@ -18,6 +18,7 @@ from garbi_map.log.index import Index, Piece, has_checksum, message_times, read_
 from garbi_map.log.navigation import read_navigation
 from garbi_map.log.records import Image, Navigation, Stamps
 from garbi_map.log.settings import LogSettings
+from garbi_map.words import printable
 
 Stamped = list[tuple[int, RawMessage]]
 OTHER_CLOCK = 1_000_000_000  # ns between stamps and log times, more than which no recorder is late
@@ -58,7 +59,7 @@ class Log:
     @property
     def losses(self) -> list[str]:
         """What could not be read so far, one line each."""
-        return [*(line for index in self.indexes for line in index.losses), *self._losses]
+        return [printable(line) for line in (*(line for index in self.indexes for line in index.losses), *self._losses)]
 
     def lose(self, line: str) -> None:
         """Name a loss, once."""

@@ -56,7 +56,10 @@ class LogWriter:
             self._file = self._aside.open("wb")
         except OSError as error:
             raise GarbiError(f"{self.path}: cannot be written: {error.strerror}") from error
-        self._writer = Writer(self._file, chunk_size=chunk_size, compression=COMPRESSION[compression])
+        # the checksum of all data protects what lies outside of chunks: metadata
+        self._writer = Writer(
+            self._file, chunk_size=chunk_size, compression=COMPRESSION[compression], enable_data_crcs=True
+        )
         self._writer.start("ros2", "garbi")
 
     def __enter__(self) -> Self:
