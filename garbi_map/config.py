@@ -14,6 +14,7 @@ from garbi_map.export.settings import ExportSettings
 from garbi_map.log.settings import LogSettings
 from garbi_map.navigate.settings import NavigateSettings
 from garbi_map.plain_yaml import read_yaml
+from garbi_map.record.settings import RecordSettings
 from garbi_map.register.settings import RegisterSettings
 from garbi_map.seabed.settings import SeabedSettings
 from garbi_map.settings import Settings
@@ -34,6 +35,7 @@ class Config(Settings):
     export: ExportSettings = ExportSettings()
     view: ViewSettings = ViewSettings()
     calibrate: CalibrateSettings = CalibrateSettings()
+    record: RecordSettings = RecordSettings()
 
     @model_validator(mode="after")
     def _depth_is_depth(self) -> Self:

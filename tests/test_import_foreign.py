@@ -106,6 +106,24 @@ def test_same_map_as_the_original(tmp_path: Path, dive: Path, garbi: Garbi) -> N
     assert clouds[0].points.array.tobytes() == clouds[1].points.array.tobytes()
 
 
+def test_fixes_and_camera_info_are_taken_over_as_they_are(tmp_path: Path) -> None:
+    """A satellite fix keeps its latitude and longitude, across the windows in which a long log is written anew."""
+    theirs = Topics(navsat="/gps/fix", camera_info="/cam/info", encoder="/cam/angle")
+    with LogWriter(tmp_path / "theirs.mcap", theirs) as log:
+        log.write_camera_info(START, 8, 6, np.eye(3), [0.1] * 5)
+        for step in range(800):
+            log.write_navsat(START + step * 10**9, 41.9 + 1e-6 * step, 3.1, 5.0, np.eye(3))
+            log.write_encoder(START + step * 10**9, 0.01 * step)
+    found = open_log([tmp_path / "theirs.mcap"], LogSettings(topics=theirs))
+    assert import_log(found, tmp_path / "ours.mcap") == []
+    ours = open_log([tmp_path / "ours.mcap"])
+    navigation = ours.navigation()
+    assert navigation.fixes is not None and navigation.encoder is not None
+    assert navigation.fixes.origin == (41.9, 3.1, 5.0)
+    assert len(navigation.fixes.position) == len(navigation.encoder.angle) == 800
+    assert ours.topics["/camera/camera_info"].count == 1
+
+
 def test_frames_and_attitude_of_their_own(tmp_path: Path) -> None:
     """Mounts under other names, and an attitude that comes apart from the IMU, are found and used."""
     with LogWriter(tmp_path / "log.mcap") as log:

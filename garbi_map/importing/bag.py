@@ -57,6 +57,6 @@ def _copied(log: Log, role: str, type_name: str) -> Iterator[Entry]:
         last, arrival, data = stamp, message.arrival(stamp), bytes(message.data)
 
         def write(log: LogWriter, stamp: int = stamp, arrival: int = arrival, data: bytes = data) -> None:
-            log.write_bytes(target, type_name, data, stamp, arrival)
+            log.write(target, type_name, data, stamp, arrival)
 
         yield stamp, write
