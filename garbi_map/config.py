@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Self
 
 import yaml
-from pydantic import ValidationError
+from pydantic import ValidationError, model_validator
 
 from garbi_map.calibrate.settings import CalibrateSettings
 from garbi_map.errors import GarbiError
@@ -35,6 +36,15 @@ class Config(Settings):
     view: ViewSettings = ViewSettings()
     calibrate: CalibrateSettings = CalibrateSettings()
     record: RecordSettings = RecordSettings()
+
+    @model_validator(mode="after")
+    def _depth_is_depth(self) -> Self:
+        water = ("water_density", "gravity", "atmosphere")
+        if self.log.topics.depth and any(
+            getattr(self.navigate, one) != getattr(NavigateSettings(), one) for one in water
+        ):
+            raise ValueError(f"log.topics.depth is metres already; leave navigate's {', '.join(water)} as they are")
+        return self
 
     def to_yaml(self) -> str:
         """The whole configuration, defaults included."""

@@ -49,9 +49,12 @@ class Frame(NamedTuple):
         return self.offset + self.length
 
 
-def survey(file: BinaryIO, size: int) -> Iterator[Frame]:
-    """The records of the data section in the order of the file, and what lies between them. Never raises on damage."""
-    position: int | None = len(MAGIC)
+def survey(file: BinaryIO, size: int, start: int = len(MAGIC)) -> Iterator[Frame]:
+    """The records of the data section in the order of the file, and what lies between them. Never raises on damage.
+
+    start: of a record.
+    """
+    position: int | None = start
     while position is not None and position < size:
         try:
             frame = _frame_at(file, position, size)
@@ -102,18 +105,18 @@ def _stated_length(file: BinaryIO, frame: Frame, size: int) -> int:
     return place + after - start
 
 
-def next_shape(file: BinaryIO, start: int, size: int) -> int | None:
+def next_shape(file: BinaryIO, start: int, size: int, block: int = BLOCK) -> int | None:
     """Offset of the first thing at or after `start` that has the shape of a chunk or an attachment, None where there is
-    none."""
+    none; block: bytes that are searched at once."""
     while start < size:
-        data = _readable(file, start, min(BLOCK + OVERLAP, size - start))
+        data = _readable(file, start, min(block + OVERLAP, size - start))
         for found in SHAPES.finditer(data):
             try:
                 if not _frame_at(file, start + found.start(), size).why:
                     return start + found.start()
             except DAMAGE:
                 continue
-        start += BLOCK
+        start += block
     return None
 
 

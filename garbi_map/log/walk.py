@@ -12,22 +12,39 @@ from mcap import records as mcap_records
 from mcap.opcode import Opcode
 
 from garbi_map.log import chunks, salvage
-from garbi_map.log.chunks import DAMAGE, MESSAGE_HEAD, RECORD, Damaged, reason
+from garbi_map.log.chunks import DAMAGE, MAGIC, MESSAGE_HEAD, RECORD, Damaged, reason
 from garbi_map.log.index import Index, Piece, read_piece
-from garbi_map.log.survey import LOST, Frame, survey
+from garbi_map.log.survey import LOST, Frame, next_shape, survey
 from garbi_map.words import many
 
 RAW_PIECE = 1 << 20  # bytes of a file without chunks that are read at once
+STRETCH = 1 << 22  # bytes of a stretch where a file is sampled
+SEEK_BLOCK = 1 << 20  # bytes that are read at once to find its first chunk
 
 
 def index_by_walking(path: Path, file: BinaryIO, size: int) -> Index:
     """The index of what can be read, with each loss named. Never raises on damage."""
     walk = _Walk(path, file)
     for frame in survey(file, size):
-        try:
-            walk.take(frame)
-        except DAMAGE as error:
-            walk.name_loss(frame.offset, f"{frame.length} bytes lost ({reason(error)})")
+        walk.take_or_lose(frame)
+    return walk.finish()
+
+
+def index_by_seeking(path: Path, file: BinaryIO, size: int, places: int = 64) -> Index:
+    """The index of a few stretches of a large file, evenly spread, its begin and its end among them. Never raises on
+    damage; what lies between the stretches is neither known nor lost."""
+    walk = _Walk(path, file)
+    walk.index.sampled = True
+    length = min(STRETCH, size // (places + 2))
+    for place in range(places + 1):
+        start = max(place * (size - length) // places, len(MAGIC))
+        if place:
+            walk.index.stretches.append(len(walk.index.pieces))
+        first = next_shape(file, start, size, SEEK_BLOCK) if place else start
+        for frame in survey(file, size, first) if first is not None else ():
+            if frame.offset >= start + length:
+                break
+            walk.take_or_lose(frame)
     return walk.finish()
 
 
@@ -40,8 +57,14 @@ class _Walk:
         self.nameless: list[Piece] = []  # chunks with topics whose names may still come
         self.whole: tuple[int, int] | None = None  # where the data end, and their checksum
 
-    def take(self, frame: Frame) -> None:
-        """Take in a record; raises one of DAMAGE."""
+    def take_or_lose(self, frame: Frame) -> None:
+        """Take in a record, or name it as lost."""
+        try:
+            self._take_in(frame)
+        except DAMAGE as error:
+            self._name_loss(frame.offset, f"{frame.length} bytes lost ({reason(error)})")
+
+    def _take_in(self, frame: Frame) -> None:
         if frame.opcode == LOST:
             raise Damaged(frame.why)
         if frame.opcode == Opcode.CHUNK:
@@ -76,7 +99,7 @@ class _Walk:
                     self._define(opcode, record, protected=True)
             self._take(buffer, Piece(frame.offset, frame.length, 0, 0))
         except DAMAGE as error:
-            self.name_loss(frame.offset, f"chunk lost ({reason(error)})")
+            self._name_loss(frame.offset, f"chunk lost ({reason(error)})")
             self._names_in_damaged(content)
 
     def _names_in_damaged(self, content: memoryview) -> None:
@@ -107,7 +130,7 @@ class _Walk:
             self._take_late(piece)
         if self.chunked and self.loose:
             size = sum(piece.length for piece in self.loose)
-            self.name_loss(
+            self._name_loss(
                 self.loose[0].offset, f"{size} bytes of messages outside of chunks, without a checksum, lost"
             )
         elif not self.chunked:
@@ -121,7 +144,7 @@ class _Walk:
         try:
             self._take(read_piece(self.file, piece), piece, last=True)
         except DAMAGE as error:
-            self.name_loss(piece.offset, f"{piece.length} bytes lost ({reason(error)})")
+            self._name_loss(piece.offset, f"{piece.length} bytes lost ({reason(error)})")
 
     def _take(self, buffer: memoryview, piece: Piece, last: bool = False) -> None:
         """Count a piece's messages; unless it is the last chance, names that are not known yet are waited for."""
@@ -135,7 +158,7 @@ class _Walk:
             return
         for channel in unknown:
             count = len(times.pop(channel))
-            self.name_loss(piece.offset, f"{many(count, 'message')} of a topic whose name was lost")
+            self._name_loss(piece.offset, f"{many(count, 'message')} of a topic whose name was lost")
         if not times:
             return
         piece.channels = frozenset(times)
@@ -167,10 +190,9 @@ class _Walk:
         for start in range(0, end, RAW_PIECE):
             found = zlib.crc32(chunks.read_at(self.file, start, min(RAW_PIECE, end - start)), found)
         if found != crc:
-            self.name_loss(end, "the checksum of the whole does not match: some messages are wrong")
+            self._name_loss(end, "the checksum of the whole does not match: some messages are wrong")
 
-    def name_loss(self, position: int, what: str) -> None:
-        """One more line about what is lost, with its place."""
+    def _name_loss(self, position: int, what: str) -> None:
         pieces = self.index.pieces
         where = f"after {(pieces[-1].end - pieces[0].begin) * 1e-9:.2f} s" if pieces else "at its begin"
         self.index.losses.append(f"{self.index.path.name}: {where}, byte {position}: {what}")

@@ -17,6 +17,9 @@ _RAW = {
     "mono16": (1, np.uint16), "16UC1": (1, np.uint16), "bgr16": (3, np.uint16), "rgb16": (3, np.uint16),
     "bayer_rggb8": (1, np.uint8), "bayer_bggr8": (1, np.uint8),
     "bayer_gbrg8": (1, np.uint8), "bayer_grbg8": (1, np.uint8),
+    "bayer_rggb16": (1, np.uint16), "bayer_bggr16": (1, np.uint16),
+    "bayer_gbrg16": (1, np.uint16), "bayer_grbg16": (1, np.uint16),
+    "yuv422": (2, np.uint8), "uyvy": (2, np.uint8), "yuv422_yuy2": (2, np.uint8), "yuyv": (2, np.uint8),
 }  # fmt: skip
 
 _MOST_DEFLATED = 1032  # bytes that a byte of deflated data can stand for (RFC 1951)
@@ -110,9 +113,18 @@ def _raw(image: Image, data: bytes, most_pixels: int) -> NDArray[np.uint8]:
         raise UnusableImage("a raw image whose size and data do not agree")
     rows = np.frombuffer(data, np.uint8, step * height).reshape(height, step)[:, :wide]
     pixels = np.ascontiguousarray(rows).view(kind).reshape(height, width, channels)
+    if channels == 2:
+        import cv2
+
+        if width % 2:
+            raise UnusableImage("a YUV image of an odd width")
+        first_is_brightness = image.encoding in ("yuv422_yuy2", "yuyv")
+        order = cv2.COLOR_YUV2BGR_YUYV if first_is_brightness else cv2.COLOR_YUV2BGR_UYVY
+        return np.asarray(cv2.cvtColor(pixels, order), np.uint8)
     if image.encoding.startswith("bayer"):
         import cv2
 
+        pixels = _eight_bits(pixels)[:, :, None]
         # OpenCV names a pattern by its second row's second pixel on, ROS by the first row's first
         code = {"rggb": cv2.COLOR_BayerBG2BGR, "bggr": cv2.COLOR_BayerRG2BGR}
         code |= {"gbrg": cv2.COLOR_BayerGR2BGR, "grbg": cv2.COLOR_BayerGB2BGR}

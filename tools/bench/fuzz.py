@@ -151,7 +151,7 @@ def parsers(folder: Path) -> list[Parser]:
     ]
     share = (1 - sum(parser.share for parser in found)) / 9
     for by_type in decoders(types, "laser_joint", set()).values():
-        for name, (_, read) in by_type.items():
+        for name, read in by_type.items():
             if name in messages:
                 one = Parser(f"message {name.rpartition('/')[2]}", _viewing(read), BAD_MESSAGE, messages[name], share)
                 found.append(one)
