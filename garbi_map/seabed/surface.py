@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from garbi_map.errors import GarbiError
 from garbi_map.seabed.cells import CELL
 from garbi_map.seabed.settings import SeabedSettings
-from garbi_map.seabed.types import Seabed
+from garbi_map.seabed.types import JudgedPoints, Seabed
 
 TILE = 64  # cells along a side of a tile; a power of two, so that tiles coarsen evenly
 _EDGE = 9.0  # times the usual scatter, three sigma: noise hardly does that, an edge in the cell does
@@ -32,6 +32,11 @@ class SurfaceGrid:
     def tiles(self) -> dict[tuple[int, int], NDArray[np.void]]:
         """The memory (TILE, TILE) of each tile, views."""
         return {index: self._cells[slot] for index, slot in self._tiles.items()}
+
+    def add(self, points: JudgedPoints) -> None:
+        """Take in the accepted points of one whole sweep."""
+        chosen = np.ones(len(points.points), np.bool_)
+        self.add_sweep(points.points, chosen, points.gradient, points.noise, points.pose, points.intensity)
 
     def add_sweep(
         self,
