@@ -83,6 +83,11 @@ class SurfaceGrid:
             self._entries,
         )
 
+    def put(self, index: tuple[int, int], cells: NDArray[np.void]) -> None:
+        """Set the memory (TILE, TILE) of a tile to what another grid had there."""
+        slot = self._slot(index)  # which may move the cells
+        self._cells[slot] = cells
+
     def merge(self, other: SurfaceGrid) -> None:
         """Take in all that another grid, of the same cell size and of other sweeps, has seen."""
         from garbi_map.seabed import kernels
