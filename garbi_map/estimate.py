@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -98,6 +98,8 @@ def sweeps_of(dive: Dive, work: Path, workers: int, progress: Progress, show: Sh
     dive.losses += store.losses
     if sum(entry.profiles for entry in store.entries) < 2:
         shutil.rmtree(folder, ignore_errors=True)
+        with suppress(OSError):
+            work.rmdir()
         why = f" ({'; '.join(store.losses)})" if store.losses else ""
         raise GarbiError(
             f"{dive.paths[0]}: the laser is not seen in two images or more{why}; look at it with garbi stripe --overlay"
