@@ -20,7 +20,7 @@ Span = tuple[float | None, float | None]
 """First and last second, counted from the log's begin."""
 
 
-@dataclass
+@dataclass(eq=False)
 class Dive:
     """What is known of a dive as the stages go by; each stage fills in its part."""
 

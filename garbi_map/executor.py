@@ -43,38 +43,42 @@ class Workers:
         self._make = make
         self._executor: Executor | None = None
 
-    def run(self, job: Callable[..., T], of: Sequence[tuple[Any, ...]]) -> list[T]:
-        """job(*arguments) of each; results in order. What a job raises is raised here.
+    def run(
+        self, job: Callable[..., T], of: Sequence[tuple[Any, ...]], done: Callable[[], None] = lambda: None
+    ) -> list[T]:
+        """job(*arguments) of each; results in order, `done` is called for each. What a job raises is raised here.
 
         Raises GarbiError where the workers of the same job die again and again.
         """
         results: dict[int, T] = {}
         for _ in range(_ATTEMPTS):
-            if self._executor is None:
-                self._executor = self._make()
+            futures: dict[int, Future[T]] = {}
             try:
-                futures = {k: self._executor.submit(job, *one) for k, one in enumerate(of) if k not in results}
-            except BrokenExecutor:
-                futures = {}
-                self.close()
-            for k, future in futures.items():
-                try:
+                if self._executor is None:
+                    self._executor = self._make()
+                for k, arguments in enumerate(of):
+                    if k not in results:
+                        futures[k] = self._executor.submit(job, *arguments)
+                for k, future in futures.items():
                     results[k] = future.result()
-                except Exception as error:
-                    if not _died(error):
-                        self.close()
-                        raise
-            if len(results) == len(of):
+                    done()
                 return [results[k] for k in range(len(of))]
-            self.close()
+            except Exception as error:
+                if not _died(error):
+                    raise
+                results |= {k: future.result() for k, future in futures.items() if _ended_well(future)}
+                self.close()
+            finally:
+                for future in futures.values():
+                    future.cancel()
         raise GarbiError(
             f"workers died {_ATTEMPTS} times at the same work, perhaps for want of memory; try fewer workers"
         )
 
     def close(self) -> None:
-        """Let the workers go; what they have not begun is dropped."""
+        """Let the workers go, when they have ended what they have begun."""
         if self._executor is not None:
-            self._executor.shutdown(wait=True, cancel_futures=True)
+            self._executor.shutdown()
             self._executor = None
 
 
@@ -124,6 +128,10 @@ def _end_with_parent() -> None:
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
+
+
+def _ended_well(future: Future[Any]) -> bool:
+    return future.done() and not future.cancelled() and future.exception() is None
 
 
 def _died(error: Exception) -> bool:

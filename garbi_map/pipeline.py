@@ -59,14 +59,14 @@ def build_map(
         roll_forward(database, out)
         new = [dive for dive in dives if not database.holds(dive.recording, dive.key)]
         if not new and is_published(database, out, config):
-            return [line for dive in dives for line in database.dive(dive.recording).left_out]
-        for dive in new:
-            check_rig(database, dive)
+            return left_out(database, dives)
+        check_rigs(database, new)
 
         work = out / ".work"
         if len(new) > 1 or dask is not None:
             progress.stage("dives, each by itself", len(new))
-            crew.run(estimate_apart, [(dive.paths, config, rig_path, span, database.folder, work) for dive in new])
+            jobs = [(dive.paths, config, rig_path, span, database.folder, work) for dive in new]
+            crew.run(estimate_apart, jobs, progress.advance)
         for dive in new or dives[-1:]:
             made = estimate(dive, database.folder, work, workers, progress, show)
             if dive in new:
@@ -81,18 +81,25 @@ def build_map(
             write_cloud(database, files / "cloud.laz", config)
             write_outputs(files, dive, made.store, built, started, progress)
         shutil.rmtree(work, ignore_errors=True)
-    return [line for dive in dives for line in dive.left_out]
+        return left_out(database, dives)
 
 
-def check_rig(database: Database, dive: Dive) -> None:
-    """Raises GarbiError where the other dives of the map were made with another rig, unless that is allowed."""
-    rig = dive.rig.to_yaml()
-    others = [known for known in database.dives if known.recording != dive.recording]
-    if any(known.rig != rig for known in others) and not dive.config.database.several_rigs:
-        raise GarbiError(
-            f"{dive.paths[0]}: the map in {database.folder.parent} was made with another rig.yaml; choose another folder, "
-            "or say database: {several_rigs: true} in the configuration"
-        )
+def check_rigs(database: Database, new: list[Dive]) -> None:
+    """Raises GarbiError where a dive was made with another rig than those that it joins, unless that is allowed."""
+    replaced = {dive.recording for dive in new}
+    rigs = [known.rig for known in database.dives if known.recording not in replaced]
+    for dive in new:
+        rigs.append(dive.rig.to_yaml())
+        if rigs[0] != rigs[-1] and not dive.config.database.several_rigs:
+            raise GarbiError(
+                f"{dive.paths[0]}: the map in {database.folder.parent} is of dives with another rig.yaml; choose another "
+                "folder, or say database: {several_rigs: true} in the configuration"
+            )
+
+
+def left_out(database: Database, dives: list[Dive]) -> list[str]:
+    """What was in the logs and is not in the map, one line each."""
+    return [line for dive in dives for line in database.dive(dive.recording).left_out]
 
 
 def stored(dive: Dive, made: Estimate) -> StoredDive:

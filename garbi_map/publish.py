@@ -13,12 +13,14 @@ from garbi_map.keys import code_key, digest_of
 from garbi_map.outputs import OUTPUTS
 
 _FRESH = "files"
-_MOVING, _THERE = "publishing", "published"
+_STATE = "files"
+_MOVING, _THERE = "being moved: ", "in place: "
 
 
 def is_published(database: Database, out: Path, config: Config) -> bool:
     """Whether the files in a folder are those of its database as it is, and complete."""
-    return database.state(_THERE) == _key(database, config) and all((out / name).exists() for name in OUTPUTS)
+    in_place = database.state(_STATE) == _THERE + _key(database, config)
+    return in_place and all((out / name).exists() for name in OUTPUTS)
 
 
 @contextmanager
@@ -28,22 +30,21 @@ def published(database: Database, out: Path, config: Config) -> Iterator[Path]:
     shutil.rmtree(fresh, ignore_errors=True)
     fresh.mkdir(parents=True)
     yield fresh
-    database.catalogue.set_state(
-        _MOVING, _key(database, config), {"files": sorted(file.name for file in fresh.iterdir())}
-    )
+    moving = _MOVING + _key(database, config)
+    database.catalogue.set_state(_STATE, moving, {"files": sorted(file.name for file in fresh.iterdir())})
     roll_forward(database, out)
 
 
 def roll_forward(database: Database, out: Path) -> None:
     """Move what is complete and not yet in place; a run that was killed meanwhile is finished by the next."""
-    moving = database.state(_MOVING)
-    if moving is None or moving == database.state(_THERE):
+    state = database.state(_STATE)
+    if state is None or not state.startswith(_MOVING):
         return
     fresh = out / ".work" / _FRESH
     if fresh.is_dir():
         for file in sorted(fresh.iterdir()):
             file.replace(out / file.name)
-    database.catalogue.set_state(_THERE, moving, {})
+    database.catalogue.set_state(_STATE, _THERE + state.removeprefix(_MOVING), {})
 
 
 def _key(database: Database, config: Config) -> str:

@@ -122,7 +122,7 @@ class Database:
 
     def surface(self, settings: SeabedSettings) -> SurfaceGrid:
         """What all dives together know of the seabed; they must have been fused."""
-        return merge_memories((self.path(submap.memory or "") for submap in self.submaps), settings)
+        return merge_memories(((self.path(one.memory or ""), one.tiles) for one in self.submaps), settings)
 
     def trajectory(self) -> Trajectory:
         """All dives' poses map <- base_link, in the order of their stamps."""

@@ -11,7 +11,7 @@ from garbi_map.db.submaps import Pose, read_parquet, read_submap, write_parquet
 from garbi_map.keys import digest_of
 from garbi_map.seabed import SeabedSettings, SurfaceGrid
 from garbi_map.seabed.cells import CELL
-from garbi_map.seabed.surface import TILE
+from garbi_map.seabed.surface import TILE, coarseness
 
 Tiles = tuple[tuple[int, int, int], ...]
 """Of each tile its index along x and y, and how many of its cells were hit."""
@@ -65,9 +65,14 @@ def read_memory(path: Path, settings: SeabedSettings) -> SurfaceGrid:
     return grid
 
 
-def merge_memories(paths: Iterable[Path], settings: SeabedSettings) -> SurfaceGrid:
-    """The grid of many submaps, merged one after the other in the order given; one of them is in memory at a time."""
-    grid = SurfaceGrid(settings)
-    for path in paths:
+def merge_memories(memories: Iterable[tuple[Path, Tiles]], settings: SeabedSettings) -> SurfaceGrid:
+    """The grid of many submaps, merged one after the other in the order given.
+
+    One of them is in memory at a time, and of the site no more cells than the finished raster may have.
+    """
+    memories = list(memories)
+    tiles = {(a, b) for _, own in memories for a, b, _ in own}
+    grid = SurfaceGrid(settings, coarseness(tiles, settings))
+    for path, _ in memories:
         grid.merge(read_memory(path, settings))
     return grid

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,13 +21,15 @@ class SurfaceGrid:
     """Cells about integer multiples of the cell's side, so that any two grids of one cell size merge cell by cell.
 
     `tiles` maps the index (along x, along y) of a tile to its slot in `cells` (slots, TILE, TILE), first index along x.
-    Memory grows with the area seen.
+    Memory grows with the area seen. A coarse grid, of `factor` cells along a side of each of its own, takes no sweeps, only
+    other grids.
     """
 
-    def __init__(self, settings: SeabedSettings) -> None:
+    def __init__(self, settings: SeabedSettings, factor: int = 1) -> None:
         self._settings = settings
+        self._factor = factor
         self._tiles: dict[tuple[int, int], int] = {}
-        self._cells = np.zeros((16, TILE, TILE), CELL)
+        self._cells = np.zeros((16, TILE // factor, TILE // factor), CELL)
         self._entries = np.full(self._cells.shape, -1, np.int32)
 
     @property
@@ -89,7 +93,7 @@ class SurfaceGrid:
         self._cells[slot] = cells
 
     def merge(self, other: SurfaceGrid) -> None:
-        """Take in all that another grid, of the same cell size and of other sweeps, has seen."""
+        """Take in all that another grid, of the same cell size, no coarser and of other sweeps, has seen."""
         from garbi_map.seabed import kernels
 
         if other._settings.cell != self._settings.cell:
@@ -98,7 +102,7 @@ class SurfaceGrid:
             )
         for index, tile in other.tiles.items():
             slot = self._slot(index)
-            kernels.merge_tile(self._cells[slot], tile, 1)
+            kernels.merge_tile(self._cells[slot], tile, self._factor // other._factor)
 
     def finish(self) -> Seabed:
         """The grid as dense rasters over all that was seen; a copy, so that the grid may go on growing.
@@ -112,14 +116,12 @@ class SurfaceGrid:
         index = np.array(list(self._tiles))
         low = index.min(0)
         span = index.max(0) - low + 1
-        factor = 1
-        while np.prod(span) * (TILE // factor) ** 2 > self._settings.max_cells and factor < TILE:
-            factor *= 2
+        factor = max(self._factor, coarseness(self._tiles, self._settings))
         part, cell = TILE // factor, self._settings.cell * factor
         bands = {name: np.zeros(span * part, CELL.fields[name][0]) for name in CELL.names or () if CELL.fields}
         for (a, b), tile in self.tiles.items():
             coarse = np.zeros((part, part), CELL)
-            kernels.merge_tile(coarse, tile, factor)
+            kernels.merge_tile(coarse, tile, factor // self._factor)
             at = (
                 slice((a - low[0]) * part, (a - low[0] + 1) * part),
                 slice((b - low[1]) * part, (b - low[1] + 1) * part),
@@ -141,6 +143,16 @@ class SurfaceGrid:
                 self._cells = np.concatenate([self._cells, np.zeros_like(self._cells)])
                 self._entries = np.concatenate([self._entries, np.full_like(self._entries, -1)])
         return slot
+
+
+def coarseness(tiles: Iterable[tuple[int, int]], settings: SeabedSettings) -> int:
+    """How many cells along a side become one where the raster about these tiles would have more than `max_cells`."""
+    index = np.array(list(tiles))
+    span = index.max(0) - index.min(0) + 1
+    factor = 1
+    while np.prod(span) * (TILE // factor) ** 2 > settings.max_cells and factor < TILE:
+        factor *= 2
+    return factor
 
 
 def _rasters(bands: dict[str, NDArray], origin: tuple[float, float], cell: float, window: int) -> Seabed:
