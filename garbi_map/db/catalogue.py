@@ -155,6 +155,12 @@ class Catalogue:
                 self._lay(submap)
             self._remember("joined", {"dive": dive.title, "estimate": dive.estimate, **detail})
 
+    def provenance(self) -> list[tuple[str, str, dict[str, Any]]]:
+        """When what was done, with what result, in order."""
+        with self._clear():
+            rows = self._db.execute("select at, what, detail from provenance order by rowid").fetchall()
+        return [(at, what, json.loads(detail)) for at, what, detail in rows]
+
     def state(self, name: str) -> str | None:
         """A fact about the folder, by name."""
         with self._clear():

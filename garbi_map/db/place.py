@@ -87,9 +87,9 @@ def place(known: Surfels, surfels: Surfels, settings: PlaceSettings) -> Placemen
         return why
     ground = _Ground(known)
     near = np.arange(-np.deg2rad(settings.heading), np.deg2rad(settings.heading) + 1e-9, _HEADING_STEP)
-    near = near[np.argsort(np.abs(near), kind="stable")]
-    for headings in (near, np.arange(-np.pi, np.pi, _HEADING_STEP)):
-        guesses = find_shifts(known.mean, surfels.mean, headings, settings.cell, settings.least_overlap, _CANDIDATES)
+    around = np.arange(-np.pi, np.pi, 2 * _HEADING_STEP)
+    for headings, cell in ((near, settings.cell), (around, 2 * settings.cell)):
+        guesses = find_shifts(known.mean, surfels.mean, headings, cell, settings.least_overlap, _CANDIDATES)
         found = _best(ground, surfels, guesses, settings)
         if isinstance(found, Placement):
             return found

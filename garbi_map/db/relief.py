@@ -13,6 +13,8 @@ _SMOOTH = 0.25
 """m; what is longer than this is taken away, for tilts and depths differ between dives."""
 _LARGEST = 2048
 """Cells along a side, beyond which they are made larger."""
+_INDEPENDENT = 0.1
+"""m; nearer places of a relief tell nearly the same."""
 _PEAKS = 3
 """Of each heading that are handed on."""
 _EMPTY = 1e-9
@@ -20,11 +22,15 @@ _EMPTY = 1e-9
 
 @dataclass(frozen=True)
 class Guess:
-    """A turn about the vertical, rad, then a shift (2,) m, that lays the second relief on the first; its correlation."""
+    """A turn about the vertical, rad, then a shift (2,) m, that lays the second relief on the first.
+
+    evidence: how much better the two then explain each other than by chance, in nats per independent patch; a high
+    correlation over a corner is less than a good one over a large common ground.
+    """
 
     heading: float
     shift: Floats
-    correlation: float
+    evidence: float
 
 
 def find_shifts(
@@ -44,18 +50,18 @@ def find_shifts(
         c, s = np.cos(heading), np.sin(heading)
         turned = np.column_stack([(points[:, :2] - centre) @ np.array([[c, s], [-s, c]]), points[:, 2]])
         moving, corner = _relief(turned, cell)
-        correlation = _correlate(fixed, moving, least_overlap / cell**2)
+        evidence = _correlate(fixed, moving, least_overlap / cell**2) * (cell / _INDEPENDENT) ** 2
         for _ in range(_PEAKS):
-            row, column = np.unravel_index(int(np.argmax(correlation)), correlation.shape)
-            best = float(correlation[row, column])
+            row, column = np.unravel_index(int(np.argmax(evidence)), evidence.shape)
+            best = float(evidence[row, column])
             if best <= 0:
                 break
             lag = np.array([column, row]) - np.array(moving.shape[::-1]) + 1
             shift = low + lag * cell - corner  # of what was turned about the centre
             guesses.append(Guess(float(heading), shift - np.array([[c, -s], [s, c]]) @ centre, best))
             around = max(2, round(0.1 / cell))
-            correlation[max(0, row - around) : row + around + 1, max(0, column - around) : column + around + 1] = -1
-    return sorted(guesses, key=lambda guess: -guess.correlation)[:most]
+            evidence[max(0, row - around) : row + around + 1, max(0, column - around) : column + around + 1] = 0
+    return sorted(guesses, key=lambda guess: -guess.evidence)[:most]
 
 
 def _relief(points: Floats, cell: float) -> tuple[NDArray[np.float32], Floats]:
@@ -78,7 +84,8 @@ def _relief(points: Floats, cell: float) -> tuple[NDArray[np.float32], Floats]:
 
 
 def _correlate(fixed: NDArray[np.float32], moving: NDArray[np.float32], least: float) -> Floats:
-    """Correlation coefficient for every lag of `moving` in `fixed`, -1 where fewer than `least` cells are common."""
+    """For every lag of `moving` in `fixed`: common cells n and their correlation r as -n/2 ln(1 - r^2), the logarithm of the
+    likelihood ratio; 0 where r is negative or n is less than `least`."""
     from scipy.fft import irfft2, next_fast_len, rfft2
 
     shape = [a + b - 1 for a, b in zip(fixed.shape, moving.shape, strict=True)]
@@ -103,4 +110,5 @@ def _correlate(fixed: NDArray[np.float32], moving: NDArray[np.float32], least: f
     variance_m = np.maximum(back(hit_f * two_m) - sum_m**2 / common, 0.0)
     scale = np.sqrt(variance_f * variance_m)
     known = (common >= least) & (scale > 1e-3 * common)
-    return np.where(known, covariance / np.maximum(scale, _EMPTY), -1.0)
+    r = np.where(known, np.clip(covariance / np.maximum(scale, _EMPTY), 0.0, 0.9999), 0.0)
+    return -0.5 * common * np.log1p(-(r**2))

@@ -14,7 +14,7 @@ class PlaceSettings(Settings):
     heading: float = Field(
         default=20.0, gt=0.0, le=180.0, description="deg by which headings of two dives differ at most; then all round"
     )
-    least_overlap: float = Field(default=0.1, gt=0.0, description="m^2 that both must have seen")
+    least_overlap: float = Field(default=0.25, gt=0.0, description="m^2 that both must have seen")
     least_agreement: float = Field(
         default=0.5, gt=0.0, lt=1.0, description="share of the common ground that must lie within `agreement`"
     )
