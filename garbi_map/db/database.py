@@ -72,9 +72,9 @@ class Database:
         """A fact about the folder, by name."""
         return None if self._catalogue is None else self._catalogue.state(name)
 
-    def join(self, dive: StoredDive, detail: dict[str, Any]) -> None:
+    def join(self, dive: StoredDive, moved: list[StoredSubmap], detail: dict[str, Any]) -> None:
         """A dive joins the map; see Catalogue.join."""
-        self.catalogue.join(dive, detail)
+        self.catalogue.join(dive, moved, detail)
         self.dives = self.catalogue.dives()
 
     def fuse(self, settings: SeabedSettings, workers: Workers) -> None:
@@ -101,10 +101,6 @@ class Database:
     def dive(self, recording: str) -> StoredDive:
         """The dive made of a recording that is in the map."""
         return next(dive for dive in self.dives if dive.recording == recording)
-
-    def others(self, recording: str) -> list[StoredSubmap]:
-        """The submaps of all other dives, in order."""
-        return [submap for dive in self.dives if dive.recording != recording for submap in dive.submaps]
 
     @property
     def submaps(self) -> list[StoredSubmap]:

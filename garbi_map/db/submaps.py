@@ -46,6 +46,11 @@ class Pose:
         turn = transform[:3, :3]
         return cls(turn @ frame + transform[:3, 3], Rotation.from_matrix(turn).as_quat(canonical=True))
 
+    def after(self, transform: Floats) -> Pose:
+        """This pose followed by a motion (4, 4) in `map`."""
+        turn = Rotation.from_matrix(transform[:3, :3])
+        return Pose(turn.apply(self.translation) + transform[:3, 3], (turn * self.rotation).as_quat(canonical=True))
+
     def transform(self, frame: Floats) -> Floats:
         """map <- dive (4, 4), for a submap whose frame's origin is `frame` (3,) in its dive."""
         out = np.eye(4)

@@ -18,7 +18,7 @@ from garbi_map.log import LogWriter, open_log
 from garbi_map.log.decode import stamp_of
 
 SAMPLE = Path(__file__).resolve().parents[2] / "logs" / "sample.mcap"
-SPANS = ((0.0, 4.0), (10.0, 14.0))
+SPANS = ((0.0, 5.5), (10.0, 15.5))
 """s of the sample log, which passes over the same ground again and again."""
 LATER_NS = 1_000_000_000_000
 
@@ -56,7 +56,7 @@ def cut(path: Path, begin: float, end: float, later_ns: int) -> Path:
         writer.attach("rig.yaml", "application/yaml", (log.rig_text or "").encode())
         for topic, raw in log.messages(set(log.topics)):
             kind = log.topics[topic].type
-            message = writer.types.deserialize_cdr(raw.data, kind)
+            message: Any = writer.types.deserialize_cdr(raw.data, kind)
             if topic == "/tf_static":
                 writer.write(topic, kind, message, raw.log_time + later_ns)
                 continue
