@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from garbi_map.config import Config
+from garbi_map.export import Located
 from garbi_map.log import Log, Navigation
 from garbi_map.navigate import NavigationResult
 from garbi_map.register import Registered
@@ -40,9 +41,10 @@ class Dive:
 
 @dataclass(frozen=True)
 class Map:
-    """The finished map, as the export stage wants it."""
+    """The finished map, as the export stage wants it; `located`: where on Earth it is."""
 
     navigated: NavigationResult
     registered: Registered
     seabed: Seabed
     builder: SeabedBuilder
+    located: Located = field(default_factory=Located)

@@ -6,7 +6,9 @@ import shutil
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from garbi_map.aside import alone_in, remove_leftovers
 from garbi_map.config import Config
@@ -21,6 +23,9 @@ from garbi_map.scan import ScanLosses, scan, scan_key
 from garbi_map.seabed import AcceptedPoints, Seabed, SeabedBuilder, build_seabed
 from garbi_map.sweep import Sweep
 from garbi_map.sweep.store import SweepStore
+
+if TYPE_CHECKING:
+    from garbi_map.export import Located
 
 
 def build_map(
@@ -39,11 +44,13 @@ def build_map(
     finished stage that is worth keeping: the sweeps. `show` is given sweeps, path and points as they come.
     Raises GarbiError where the input cannot give a map, and where another run is writing into `out`.
     """
+    from garbi_map.export import check_place, locate
     from garbi_map.outputs import write_outputs
 
     progress = progress or Silent()
     started = time.perf_counter()
     dive = open_dive(paths, config, rig_path, span)
+    check_place(dive.navigation, config.export.place, config.export.projection)
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -63,11 +70,17 @@ def build_map(
             registered = register(
                 store, dive.navigation, navigated, config.registration, config.navigate, progress.note, scanner
             )
+        located = locate(
+            dive.navigation, (navigated.trajectory, registered.trajectory), config.export.place,
+            config.export.projection, config.export.origin_sigma,
+        )  # fmt: skip
+        navigated = replace(navigated, trajectory=navigated.trajectory.moved(located.transform))
+        registered = registered.moved(located.transform)
         show(registered.trajectory)
         with timed(dive, "seabed"):
             progress.stage("seabed", 2 * len(store))
-            seabed, builder = fuse(dive, store, registered.inside, out, progress, show)
-        write_outputs(out, dive, store, Map(navigated, registered, seabed, builder), started, progress)
+            seabed, builder = fuse(dive, store, registered.inside, located, out, progress, show)
+        write_outputs(out, dive, store, Map(navigated, registered, seabed, builder, located), started, progress)
         shutil.rmtree(work, ignore_errors=True)
     return dive.left_out
 
@@ -120,7 +133,13 @@ def sweeps_of(dive: Dive, work: Path, workers: int, progress: Progress, show: Sh
 
 
 def fuse(
-    dive: Dive, store: SweepStore, trajectory: Trajectory, out: Path, progress: Progress, show: Show = unseen
+    dive: Dive,
+    store: SweepStore,
+    trajectory: Trajectory,
+    located: Located,
+    out: Path,
+    progress: Progress,
+    show: Show = unseen,
 ) -> tuple[Seabed, SeabedBuilder]:
     """The accepted points of all sweeps, into cloud.laz and the surface."""
     from garbi_map.export import CloudWriter
@@ -131,7 +150,7 @@ def fuse(
         for sweep in counted(store, progress):
             yield sweep, trajectory.at(sweep.stamp_ns).mounted(mount)
 
-    with CloudWriter(out / "cloud.laz", dive.config.export.cloud_scale) as cloud:
+    with CloudWriter(out / "cloud.laz", dive.config.export.cloud_scale, located.reference) as cloud:
 
         def take(points: AcceptedPoints) -> None:
             cloud.write(points)

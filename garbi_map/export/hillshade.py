@@ -42,11 +42,13 @@ def hillshade(seabed: Seabed, settings: ExportSettings, title: str) -> NDArray[n
     return _framed(relief_map, cell, low, high, title, settings.widest_hole)
 
 
-def fitted(band: NDArray[np.float32], cell: float, pixels: int) -> tuple[NDArray[np.float32], float]:
+def fitted(
+    band: NDArray[np.float32], cell: float, pixels: int, enlarge: bool = True
+) -> tuple[NDArray[np.float32], float]:
     """A raster enlarged or averaged by a whole factor to about `pixels` on its longer side; a pixel's side, m."""
     longest = max(band.shape)
     if longest <= pixels:
-        factor = max(1, pixels // longest)
+        factor = max(1, pixels // longest) if enlarge else 1
         return np.repeat(np.repeat(band, factor, 0), factor, 1), cell / factor
     factor = -(-longest // pixels)
     padded = np.pad(band, [(0, -side % factor) for side in band.shape], constant_values=np.nan)
@@ -61,18 +63,22 @@ def relief(
     elevation: NDArray[np.float32], cell: float, azimuth: float, sun: float, exaggeration: float
 ) -> NDArray[np.float32]:
     """Brightness about 1 of a surface (row 0 in the south) under a sun and a bright sky (Lambert's cosine)."""
-    import cv2
-
-    known = np.isfinite(elevation).astype(np.float32)
-    # holes take the mean about them, and noise finer than a pixel and a half is not relief
-    weight = cv2.GaussianBlur(known, (0, 0), 1.5)
-    smooth = cv2.GaussianBlur(np.where(known > 0, elevation, 0).astype(np.float32), (0, 0), 1.5)
-    smooth = np.divide(smooth, weight, out=np.full_like(smooth, np.nan), where=weight > 1e-3)
+    smooth = smoothed(elevation, rim=1e-3)
     north, east = np.gradient(exaggeration * np.where(np.isfinite(smooth), smooth, np.nanmean(smooth)), cell)
     a, s = np.radians(azimuth), np.radians(sun)
     lit = np.sin(s) - np.cos(s) * (east * np.sin(a) + north * np.cos(a))
     lit = np.maximum(lit / np.sqrt(1 + east**2 + north**2), 0.0) / np.sin(s)
     return (0.35 + 0.65 * np.minimum(lit, 1.5)).astype(np.float32)
+
+
+def smoothed(elevation: NDArray[np.float32], rim: float = 0.5) -> NDArray[np.float32]:
+    """A surface without what is finer than a pixel and a half, which is noise; as far as the share `rim` is known."""
+    import cv2
+
+    known = np.isfinite(elevation).astype(np.float32)
+    weight = cv2.GaussianBlur(known, (0, 0), 1.5)
+    smooth = cv2.GaussianBlur(np.where(known > 0, elevation, 0).astype(np.float32), (0, 0), 1.5)
+    return np.divide(smooth, weight, out=np.full_like(smooth, np.nan), where=weight > rim)
 
 
 def _framed(
