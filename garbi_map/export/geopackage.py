@@ -5,6 +5,7 @@ from __future__ import annotations
 import sqlite3
 import struct
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -50,31 +51,35 @@ def write_lines(
     Raises GarbiError where the file cannot be written.
     """
     with written_aside(path) as aside:
-        file = sqlite3.connect(aside, isolation_level=None)
         try:
-            file.executescript("PRAGMA journal_mode = OFF; PRAGMA synchronous = OFF; BEGIN;" + _TABLES)
-            columns = "".join(f", {name} {kind}" for name, kind in attributes.items())
-            file.execute(
-                f"CREATE TABLE {layer} (fid INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, geom LINESTRING{columns})"
-            )
-            system = (wkt.split('"')[1], _SYSTEM, "garbi", _SYSTEM, wkt)
-            file.execute("INSERT INTO gpkg_spatial_ref_sys VALUES (?, ?, ?, ?, ?, NULL)", system)
-            file.execute(
-                "INSERT INTO gpkg_contents (table_name, data_type, identifier, description, min_x, min_y, max_x, max_y,"
-                " srs_id) VALUES (?, 'features', ?, ?, ?, ?, ?, ?, ?)",
-                (layer, layer, description, *_bounds(lines), _SYSTEM),
-            )
-            file.execute(
-                "INSERT INTO gpkg_geometry_columns VALUES (?, 'geom', 'LINESTRING', ?, 1, 0)", (layer, _SYSTEM)
-            )
-            marks = ", ?" * len(attributes)
-            rows = ((_geometry(line.vertices), *line.attributes) for line in lines)
-            file.executemany(f"INSERT INTO {layer} VALUES (NULL, ?{marks})", rows)
-            file.execute("COMMIT")
+            with closing(sqlite3.connect(aside, isolation_level=None)) as file:
+                _fill(file, layer, description, attributes, lines, wkt)
         except sqlite3.Error as error:
-            raise OSError(None, f"{error}") from error
-        finally:
-            file.close()
+            raise OSError(None, str(error)) from error
+
+
+def _fill(
+    file: sqlite3.Connection,
+    layer: str,
+    description: str,
+    attributes: dict[str, str],
+    lines: Sequence[LineString],
+    wkt: str,
+) -> None:
+    file.executescript("PRAGMA journal_mode = OFF; PRAGMA synchronous = OFF; BEGIN;" + _TABLES)
+    columns = "".join(f", {name} {kind}" for name, kind in attributes.items())
+    file.execute(f"CREATE TABLE {layer} (fid INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, geom LINESTRING{columns})")
+    system = (wkt.split('"')[1], _SYSTEM, "garbi", _SYSTEM, wkt)
+    file.execute("INSERT INTO gpkg_spatial_ref_sys VALUES (?, ?, ?, ?, ?, NULL)", system)
+    file.execute(
+        "INSERT INTO gpkg_contents (table_name, data_type, identifier, description, min_x, min_y, max_x, max_y, srs_id)"
+        " VALUES (?, 'features', ?, ?, ?, ?, ?, ?, ?)",
+        (layer, layer, description, *_bounds(lines), _SYSTEM),
+    )
+    file.execute("INSERT INTO gpkg_geometry_columns VALUES (?, 'geom', 'LINESTRING', ?, 1, 0)", (layer, _SYSTEM))
+    rows = ((_geometry(line.vertices), *line.attributes) for line in lines)
+    file.executemany(f"INSERT INTO {layer} VALUES (NULL, ?{', ?' * len(attributes)})", rows)
+    file.execute("COMMIT")
 
 
 def _geometry(vertices: NDArray[np.float64]) -> bytes:

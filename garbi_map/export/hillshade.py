@@ -18,10 +18,12 @@ _VOID = (238, 240, 242)
 _INK = (40, 33, 27)  # blue, green, red, as OpenCV wants it
 
 
-def write_hillshade(path: Path, seabed: Seabed, settings: ExportSettings, title: str = "Seabed map") -> None:
-    """Write a PNG, north up. Raises GarbiError where the file cannot be written."""
+def write_hillshade(
+    path: Path, seabed: Seabed, settings: ExportSettings, title: str = "Seabed map", north: str = "y (north)"
+) -> None:
+    """Write a PNG, north (as it is to be called) up. Raises GarbiError where the file cannot be written."""
     with written_aside(path) as aside:
-        aside.write_bytes(png(hillshade(seabed, settings, title)))
+        aside.write_bytes(png(hillshade(seabed, settings, title, north)))
 
 
 def png(picture: NDArray[np.uint8]) -> bytes:
@@ -31,7 +33,7 @@ def png(picture: NDArray[np.uint8]) -> bytes:
     return cv2.imencode(".png", picture)[1].tobytes()
 
 
-def hillshade(seabed: Seabed, settings: ExportSettings, title: str) -> NDArray[np.uint8]:
+def hillshade(seabed: Seabed, settings: ExportSettings, title: str, north: str = "y (north)") -> NDArray[np.uint8]:
     """The picture (rows, columns, 3), blue, green, red: map, scale bar, north arrow, depth legend and title."""
     elevation, _ = fill_holes(seabed.elevation, round(settings.widest_hole / seabed.cell))
     elevation, cell = fitted(elevation, seabed.cell, settings.hillshade_pixels)
@@ -39,7 +41,7 @@ def hillshade(seabed: Seabed, settings: ExportSettings, title: str) -> NDArray[n
     shade = relief(elevation, cell, settings.sun_azimuth, settings.sun_elevation, settings.exaggeration)
     colours = depth_colours(elevation, low, high)[..., ::-1] * shade[..., None]
     relief_map = np.where(np.isfinite(elevation)[..., None], np.clip(colours, 0, 255), _VOID).astype(np.uint8)[::-1]
-    return _framed(relief_map, cell, low, high, title, settings.widest_hole)
+    return _framed(relief_map, cell, low, high, title, north, settings.widest_hole)
 
 
 def fitted(
@@ -82,7 +84,7 @@ def smoothed(elevation: NDArray[np.float32], rim: float = 0.5) -> NDArray[np.flo
 
 
 def _framed(
-    picture: NDArray[np.uint8], pixel: float, low: float, high: float, title: str, hole: float
+    picture: NDArray[np.uint8], pixel: float, low: float, high: float, title: str, north: str, hole: float
 ) -> NDArray[np.uint8]:
     """The map on paper, with what is needed to read it."""
     import cv2
@@ -101,12 +103,12 @@ def _framed(
 
     write(_shortened(title, round(1.6 * (width + legend) / size / 1.3)), left, margin + 0.5 * size, 600, 1.3)
     _scale_bar(page, left, top + height + 2 * size, picture.shape[1] * pixel, pixel, size, write)
-    note = f"map frame: x to the right, y up; grey was not seen, holes up to {metres(hole)} are interpolated"
+    note = f"grey was not seen, holes up to {metres(hole)} are interpolated"
     write(note, left, top + height + 4.4 * size, 400, 0.8)
     _legend(page, left + width + 2 * size, top + 4 * size, height - 5 * size, low, high, size, write)
     tip = (left + width + 2 * size + size // 2, top)
     cv2.arrowedLine(page, (tip[0], tip[1] + 2 * size), tip, _INK, max(2, size // 8), cv2.LINE_AA, 0, 0.35)
-    write("y (north)", tip[0] + size, tip[1] + 1.4 * size, 600, 0.9)
+    write(north, tip[0] + size, tip[1] + 1.4 * size, 600, 0.9)
     return page
 
 

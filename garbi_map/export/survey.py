@@ -44,7 +44,7 @@ def survey_table(found: Bathymetry | None) -> str:
 
 
 def place_list(place: Place | None) -> str:
-    """Where the map is and how that is known."""
+    """Where the map is, and how that is known, line by line."""
     if place is None:
         return ""
     lines = [escape(note) for note in place.notes]
@@ -57,6 +57,22 @@ def place_list(place: Place | None) -> str:
             f"Its uncertainty: {sigma}.",
         )
     return "<ul>" + "".join(f"<li>{line}</li>" for line in lines) + "</ul>"
+
+
+def place_line(place: Place | None, found: Bathymetry | None) -> str:
+    """For the head of the page: where, in which system, how deep."""
+    parts = []
+    if place is not None and place.origin is not None:
+        latitude, longitude = place.origin
+        parts = [
+            f"{abs(latitude):.6f}° {'N' if latitude >= 0 else 'S'}, {abs(longitude):.6f}° {'E' if longitude >= 0 else 'W'}",
+            place.crs.split('"')[1],
+        ]
+    elif place is not None:
+        parts = ["local frame, not georeferenced"]
+    if found is not None and found.depth_m is not None:
+        parts.append(f"{found.depth_m:.2f} m deep (median)")
+    return escape(" · ".join(parts))
 
 
 _ALL = 0.95
@@ -79,7 +95,12 @@ def _reached(found: Bathymetry) -> str:
 
 
 def _cells(share: float | None) -> str:
-    return "not known" if share is None else _marked(percent(share), share >= _ALL)
+    return "not known" if share is None else _marked(_brief(share), share >= _ALL)
+
+
+def _brief(share: float) -> str:
+    """A share as a narrow column holds it."""
+    return percent(share).replace("more than", ">").replace("less than", "<")
 
 
 def _kept(good: bool | None) -> str:
@@ -87,7 +108,7 @@ def _kept(good: bool | None) -> str:
 
 
 def _covered(order: SurveyOrder) -> str:
-    return "–" if order.covered_share is None else _marked(percent(order.covered_share), order.covered)
+    return "–" if order.covered_share is None else _marked(_brief(order.covered_share), order.covered)
 
 
 def _marked(text: str, good: bool) -> str:
