@@ -85,6 +85,7 @@ def test_contours_open_in_gdal(tmp_path: Path, seabed: Seabed, reference: Georef
         # about the centre of the dome the contour of a height is a circle
         radius = np.hypot(inside[:, 0] - 0.3, inside[:, 1] - 0.3)
         if level > 0.02:
+            np.testing.assert_array_equal(vertices[0], vertices[-1])
             assert np.abs(radius - np.sqrt(0.15**2 - level**2)).max() < 0.006
     np.testing.assert_array_equal(depth, -elevation)
     np.testing.assert_array_equal(bold, np.isin(np.round(elevation / 0.02), [0, 5]))

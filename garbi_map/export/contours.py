@@ -70,7 +70,9 @@ def contours(seabed: Seabed, interval: float, widest_hole: float) -> list[tuple[
         for line in trace.lines(number * interval):
             if np.abs(np.diff(line, axis=0)).sum() < _SHORTEST:
                 continue
-            kept = cv2.approxPolyDP(line.astype(np.float32)[:, None], _SIMPLE, False)[:, 0].astype(np.float64)
-            place = np.asarray(seabed.origin) + (kept + 0.5) * pixel
+            ring = bool((line[0] == line[-1]).all())
+            kept = cv2.approxPolyDP(line[: len(line) - ring].astype(np.float32)[:, None], _SIMPLE, ring)[:, 0]
+            kept = np.r_[kept, kept[:1]] if ring else kept
+            place = np.asarray(seabed.origin) + (kept.astype(np.float64) + 0.5) * pixel
             found.append((number, number * interval, np.c_[place, np.full(len(place), number * interval)]))
     return found
