@@ -8,6 +8,7 @@ import yaml
 from pydantic import ValidationError
 
 from garbi_map.calibrate.settings import CalibrateSettings
+from garbi_map.db.settings import DatabaseSettings
 from garbi_map.errors import GarbiError
 from garbi_map.export.settings import ExportSettings
 from garbi_map.log.settings import LogSettings
@@ -29,6 +30,7 @@ class Config(Settings):
     navigate: NavigateSettings = NavigateSettings()
     registration: RegisterSettings = RegisterSettings()
     seabed: SeabedSettings = SeabedSettings()
+    database: DatabaseSettings = DatabaseSettings()
     export: ExportSettings = ExportSettings()
     view: ViewSettings = ViewSettings()
     calibrate: CalibrateSettings = CalibrateSettings()

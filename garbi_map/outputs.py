@@ -75,6 +75,7 @@ OUTPUTS = {
     "report.json": "this report, for programs",
     "report.html": "this report",
     "config.yaml": "the configuration that was used, defaults included",
+    "db": "the map's database: the next dive into this folder makes the map grow",
 }
 
 
@@ -89,7 +90,7 @@ def write_outputs(out: Path, dive: Dive, store: SweepStore, built: Map, started:
     settings, reference = dive.config.export, built.located.reference
     progress.stage("files", 6)
     begin = time.perf_counter()
-    write_trajectory(out / "trajectory.tum", built.registered.trajectory)
+    write_trajectory(out / "trajectory.tum", built.path)
     write_text(out / "config.yaml", dive.config.to_yaml())
     progress.advance()
     also_copc(out / "cloud.laz")
@@ -140,10 +141,10 @@ def make_report(dive: Dive, store: SweepStore, built: Map) -> Report:
             "profiles": sum(entry.profiles for entry in entries),
             "sweeps": len(entries),
             "points": sum(entry.points for entry in entries),
-            "accepted": built.builder.accepted,
+            "accepted": built.accepted,
             "loop closures": built.registered.loops,
         },
-        rejected=dict(built.builder.rejected),
+        rejected=built.rejected,
         left_out=left_out,
         residuals=_residuals(built),
         uncertainties=[*describe_seabed(built.seabed), *_pose_uncertainty(built)],

@@ -21,8 +21,8 @@ from rasterio.crs import CRS
 from garbi_map.config import load_config
 from garbi_map.errors import GarbiError
 from garbi_map.evaluate import evaluate, read_truth
-from garbi_map.export import ExportSettings, Georeference, Origin, locate, read_cloud
-from garbi_map.export.origin import check_place, utm_zone
+from garbi_map.export import ExportSettings, Georeference, Located, Origin, locate, read_cloud
+from garbi_map.export.origin import check_origin, utm_zone
 from garbi_map.log.frames import east_north_up
 from garbi_map.log.records import Fixes, Imu, Navigation, Pressure
 from garbi_map.navigate.trajectory import Trajectory
@@ -149,19 +149,21 @@ def test_a_map_that_nobody_places_is_local() -> None:
 def test_an_origin_without_a_north_wants_a_heading() -> None:
     """Before any work is done."""
     with pytest.raises(GarbiError, match="give LAT,LON,HEADING"):
-        check_place(navigation(north=False), Origin(41.0, 2.0), "utm")
-    check_place(navigation(north=False), Origin(41.0, 2.0, 15.0), "utm")
+        check_origin(navigation(north=False), Origin(41.0, 2.0), "utm")
+    check_origin(navigation(north=False), Origin(41.0, 2.0, 15.0), "utm")
     with pytest.raises(GarbiError, match="UTM ends at"):
-        check_place(navigation(), Origin(86.0, 2.0), "utm")
-    check_place(navigation(), Origin(86.0, 2.0), "local")
+        check_origin(navigation(), Origin(86.0, 2.0), "utm")
+    check_origin(navigation(), Origin(86.0, 2.0), "local")
 
 
 @given(st.floats(-89.9, 89.9), st.floats(-180, 179.999), st.floats(0, 359.9))
 def test_an_origin_reads_what_it_says(latitude: float, longitude: float, heading: float) -> None:
     """Back from its text."""
     found = Origin.parse(f"{latitude!r},{longitude!r},{heading!r}")
-    assert (found.latitude, found.heading) == (latitude, heading)
-    assert found.longitude == pytest.approx(longitude, abs=1e-9)
+    assert found == Origin(latitude, longitude, heading)
+    assert Origin.parse(f"1,{longitude + 360 if longitude < 0 else longitude - 360!r}").longitude == pytest.approx(
+        longitude
+    )
 
 
 @settings(max_examples=60)
@@ -234,6 +236,22 @@ def test_a_placed_map_is_evaluated_as_ever(placed: Path) -> None:
     """Against the truth of the simulator, which is not on Earth."""
     found = evaluate(placed, read_truth([SAMPLE]))
     assert found.trajectory is not None and found.trajectory.ate_rmse_mm < 5.0
+
+
+def test_a_map_stays_where_it_was_begun(placed: Path, dive: Path, garbi: Garbi) -> None:
+    """Another origin for the same folder is refused in one line, and changes nothing."""
+    before = (placed / "report.json").read_bytes()
+    ended = garbi("map", dive, "-o", placed, "--origin", "41.9,2.8")
+    assert ended.status == 1 and "begun with another origin" in ended.err and ended.err.count("\n") == 1
+    assert (placed / "report.json").read_bytes() == before
+
+
+def test_a_place_survives_the_database() -> None:
+    """As JSON and back, given or found."""
+    for origin in (Origin(60.4, 5.3, 12.0), None):
+        found = locate(navigation(fixes((41.98, 2.82, 10.0), (1.0, 2.0))), (path(), path()), origin)
+        assert Located.from_json(found.to_json()) == found
+        assert found.is_at(origin) and not found.is_at(Origin(0.0, 0.0))
 
 
 def test_the_configuration_places_it_again(placed: Path) -> None:

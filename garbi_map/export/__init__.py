@@ -7,7 +7,7 @@ from garbi_map.export.drift import correction
 from garbi_map.export.georeference import Georeference
 from garbi_map.export.glb import write_glb
 from garbi_map.export.hillshade import write_hillshade
-from garbi_map.export.origin import Located, Origin, check_place, locate
+from garbi_map.export.origin import Located, Origin, check_origin, locate
 from garbi_map.export.ply import write_ply
 from garbi_map.export.raster import write_seabed_tif
 from garbi_map.export.report import Place, Quantity, Report, Source, Span, Topic, describe_seabed, write_report_json
@@ -32,7 +32,7 @@ __all__ = [
     "Topic",
     "also_copc",
     "bathymetry",
-    "check_place",
+    "check_origin",
     "correction",
     "describe_seabed",
     "locate",

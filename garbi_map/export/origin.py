@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import json
+from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -57,7 +58,9 @@ class Origin:
             raise ValueError(f"latitude {latitude:g} is not between the poles: {_HOW}")
         if abs(longitude) > 360 or (heading and abs(heading[0]) > 360):
             raise ValueError(f"'{text}': longitude and heading go to 360 degrees: {_HOW}")
-        return cls(latitude, (longitude + 180) % 360 - 180, heading[0] % 360 if heading else None)
+        if not -180 <= longitude < 180:
+            longitude = (longitude + 180) % 360 - 180
+        return cls(latitude, longitude, heading[0] % 360 if heading else None)
 
 
 @dataclass(frozen=True)
@@ -70,6 +73,7 @@ class Located:
     origin      where the map begins; None where nobody knows
     convergence rad, of the grid: the true azimuth of grid north
     notes       how all this is known, a sentence each
+    given       the origin that was given; None where the fixes or nobody said
     """
 
     reference: Georeference = field(default_factory=Georeference)
@@ -78,6 +82,7 @@ class Located:
     origin: Origin | None = None
     convergence: float = 0.0
     notes: list[str] = field(default_factory=list)
+    given: Origin | None = None
 
     @property
     def transform(self) -> Floats:
@@ -86,6 +91,22 @@ class Located:
         cos, sin = np.cos(self.turn), np.sin(self.turn)
         matrix[:2, :2] = [[cos, -sin], [sin, cos]]
         return matrix
+
+    def is_at(self, origin: Origin | None) -> bool:
+        """Whether it is this origin by which the map was placed."""
+        return self.given == origin
+
+    def to_json(self) -> str:
+        """As text that `from_json` reads."""
+        return json.dumps(asdict(self))
+
+    @classmethod
+    def from_json(cls, text: str) -> Located:
+        """What `to_json` gave."""
+        entries = json.loads(text)
+        reference = Georeference.from_dictionary(entries.pop("reference"), json.loads(text)["reference"]["wkt"])
+        places = {name: None if entries[name] is None else Origin(**entries[name]) for name in ("origin", "given")}
+        return cls(reference, **{**entries, **places})
 
 
 def locate(
@@ -102,7 +123,7 @@ def locate(
     Raises GarbiError where an origin is given and its heading is known neither from it nor from the log, and where the
     projection does not reach the origin.
     """
-    notes = []
+    notes, given = [], origin
     if origin is None:
         fixed = None if log.fixes is None else _origin_of(log.fixes, *paths)
         if log.fixes is None or fixed is None:
@@ -130,10 +151,10 @@ def locate(
         else "Heights count from the first pose: no pressure in the log tells the depth."
     )
     reference = Georeference(crs.to_wkt(), (easting, northing, 0.0), scale)
-    return Located(reference, turn + convergence, sigma, origin, convergence, notes)
+    return Located(reference, turn + convergence, sigma, origin, convergence, notes, given)
 
 
-def check_place(log: Navigation, origin: Origin | None, projection: Projection) -> None:
+def check_origin(log: Navigation, origin: Origin | None, projection: Projection) -> None:
     """Raises the GarbiError that `locate` would raise, before the work is done."""
     if origin is not None:
         _turn(log, origin)

@@ -14,7 +14,7 @@ from garbi_map.navigate.trajectory import Trajectory
 from garbi_map.seabed.evidence import Evidence
 from garbi_map.seabed.settings import SeabedSettings
 from garbi_map.seabed.surface import SurfaceGrid
-from garbi_map.seabed.types import AcceptedPoints, Seabed, Verdict
+from garbi_map.seabed.types import AcceptedPoints, JudgedPoints, Seabed, Verdict
 from garbi_map.sweep.types import Sweep
 
 Posed = tuple[Sweep, Trajectory]
@@ -40,8 +40,8 @@ class SeabedBuilder:
         placed = _place(sweep, poses)
         self._evidence.observe(placed, sweep.sigma, sweep.profile, len(sweep.stamp_ns))
 
-    def add(self, sweep: Sweep, poses: Trajectory) -> AcceptedPoints:
-        """Judge the points of a sweep by all that was observed, and fuse the accepted ones into the surface."""
+    def judge(self, sweep: Sweep, poses: Trajectory) -> JudgedPoints:
+        """The points of a sweep that are seabed by all that was observed, not yet fused."""
         from garbi_map.seabed import kernels
 
         placed = _place(sweep, poses)
@@ -56,12 +56,24 @@ class SeabedBuilder:
             gradient,
         )
         chosen = verdict == Verdict.ACCEPTED
-        self.surface.add_sweep(placed, chosen, gradient, noise, pose, sweep.intensity)
-        points = AcceptedPoints(
-            sweep.point_stamp_ns[chosen], placed[chosen], sigma[chosen], sweep.intensity[chosen], verdict
+        points = JudgedPoints(
+            sweep.point_stamp_ns[chosen],
+            placed[chosen],
+            sigma[chosen],
+            sweep.intensity[chosen],
+            verdict,
+            gradient[chosen],
+            noise[chosen],
+            pose[chosen],
         )
         self.accepted += len(points.points)
         self.rejected.update(points.rejected)
+        return points
+
+    def add(self, sweep: Sweep, poses: Trajectory) -> JudgedPoints:
+        """Judge the points of a sweep by all that was observed, and fuse the accepted ones into the surface."""
+        points = self.judge(sweep, poses)
+        self.surface.add(points)
         return points
 
     def finish(self) -> Seabed:

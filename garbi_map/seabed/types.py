@@ -55,6 +55,20 @@ class AcceptedPoints:
 
 
 @dataclass(frozen=True)
+class JudgedPoints(AcceptedPoints):
+    """Accepted points with what their fusion needs.
+
+    gradient    (k, 2) float64, slope of the surface at each point, along x and y
+    noise       (k,) float64, variance of the elevation by the point's own error, m^2
+    pose        (k,) float64, deviation of the elevation by the error of the pose, which the sweep shares, m
+    """
+
+    gradient: NDArray[np.float64]
+    noise: NDArray[np.float64]
+    pose: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
 class Seabed:
     """The elevation grid. Row 0 is the southernmost (least y), column 0 the westernmost (least x); no-data is NaN.
 
