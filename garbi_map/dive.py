@@ -8,6 +8,7 @@ from pathlib import Path
 
 from garbi_map.config import Config
 from garbi_map.errors import GarbiError
+from garbi_map.export import Located
 from garbi_map.keys import code_key, digest_of, recording_key
 from garbi_map.log import Log, Navigation, open_log
 from garbi_map.navigate import NavigationResult, Trajectory
@@ -75,6 +76,7 @@ class Map:
     navigated, registered   of the dive that joined last, in `map`
     seabed, path            of all dives
     accepted, rejected      points of all dives, and those left out, by reason
+    located                 where on Earth `map` is
     """
 
     navigated: NavigationResult
@@ -83,6 +85,7 @@ class Map:
     path: Trajectory
     accepted: int
     rejected: dict[str, int]
+    located: Located
 
 
 def open_dive(paths: list[Path], config: Config, rig_path: Path | None, span: Span = (None, None)) -> Dive:

@@ -15,8 +15,9 @@ from garbi_map.dive import Dive, Map, Span, open_dive
 from garbi_map.errors import GarbiError
 from garbi_map.estimate import Estimate, estimate, estimate_apart, sweeps_of, timed, trajectory_file
 from garbi_map.executor import open_workers
-from garbi_map.export import CloudWriter
+from garbi_map.export import CloudWriter, Georeference
 from garbi_map.outputs import write_outputs
+from garbi_map.place import check_place, place_on_earth
 from garbi_map.progress import Progress, Show, Silent, unseen
 from garbi_map.publish import is_published, published, roll_forward
 from garbi_map.recordings import split_recordings
@@ -61,6 +62,7 @@ def build_map(
         if not new and is_published(database, out, config):
             return left_out(database, dives)
         check_rigs(database, new)
+        check_place(database, dives[0])
 
         work = out / ".work"
         if len(new) > 1 or dask is not None:
@@ -71,14 +73,15 @@ def build_map(
             made = estimate(dive, database.folder, work, workers, progress, show)
             if dive in new:
                 with timed(dive, "place in the map"):
-                    join_map(database, stored(dive, made), made.judged.submaps, config.database.place)
+                    first = place_on_earth(database, dive, made).transform
+                    join_map(database, stored(dive, made), made.judged.submaps, config.database.place, first)
         with timed(dive, "fusion"):
             progress.stage("fusion")
             database.fuse(config.seabed, crew)
             database.remove_unnamed()
             built = map_of(database, dive, made)
         with published(database, out, config) as files:
-            write_cloud(database, files / "cloud.laz", config)
+            write_cloud(database, files / "cloud.laz", config, built.located.reference)
             write_outputs(files, dive, made.store, built, started, progress)
         shutil.rmtree(work, ignore_errors=True)
         return left_out(database, dives)
@@ -138,11 +141,12 @@ def map_of(database: Database, dive: Dive, made: Estimate) -> Map:
         path=database.trajectory(),
         accepted=sum(known.accepted for known in database.dives),
         rejected=dict(rejected),
+        located=place_on_earth(database, dive, made),
     )
 
 
-def write_cloud(database: Database, path: Path, config: Config) -> None:
+def write_cloud(database: Database, path: Path, config: Config, reference: Georeference) -> None:
     """The points of all dives."""
-    with CloudWriter(path, config.export.cloud_scale) as cloud:
+    with CloudWriter(path, config.export.cloud_scale, reference) as cloud:
         for points in database.points():
             cloud.write(points)

@@ -31,6 +31,13 @@ def map_(
     ] = None,
     begin: Annotated[float | None, typer.Option("--from", help="Begin this many seconds into the log.")] = None,
     end: Annotated[float | None, typer.Option("--to", help="End this many seconds into the log.")] = None,
+    origin: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LAT,LON[,HEADING]",
+            help="Where on Earth the dive begins (WGS 84, degrees) and where the map's x axis points.",
+        ),
+    ] = None,
     view: Annotated[
         bool, typer.Option("--view", help="Watch it grow in Rerun, then look at the finished map.")
     ] = False,
@@ -46,6 +53,8 @@ def map_(
     from garbi_map.view.live import watched
 
     settings = load_config(config)
+    if origin is not None:
+        settings = settings.model_copy(update={"export": settings.export.model_copy(update={"origin": _place(origin)})})
     with ExitStack() as opened:
         show = opened.enter_context(watched(logs[0].stem, out)) if view else unseen
         with Watch() as progress:
@@ -55,3 +64,14 @@ def map_(
         typer.echo(f"left out: {line}", err=True)
     if losses:
         raise typer.Exit(3)
+
+
+def _place(origin: str) -> str:
+    """The option as it is where it says a place."""
+    from garbi_map.export import Origin
+
+    try:
+        Origin.parse(origin)
+    except ValueError as error:
+        raise typer.BadParameter(f"{error}", param_hint="--origin") from error
+    return origin

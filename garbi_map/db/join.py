@@ -20,13 +20,21 @@ from garbi_map.errors import GarbiError
 from garbi_map.register.surfels import Surfels, join
 
 
-def join_map(database: Database, dive: StoredDive, written: list[SubmapFile], settings: PlaceSettings) -> None:
-    """Lay a dive on the others and commit it, with what moved in them; the first dive's frame is the map's.
+def join_map(
+    database: Database,
+    dive: StoredDive,
+    written: list[SubmapFile],
+    settings: PlaceSettings,
+    first: NDArray[np.float64] | None = None,
+) -> None:
+    """Lay a dive on the others and commit it, with what moved in them.
+
+    first: map <- dive (4, 4) of the one with which a map begins; without it, that dive's frame is the map's.
 
     Raises GarbiError, and the map stays as it is, where the dive's place in it is not sure.
     """
     others = [known for known in database.dives if known.recording != dive.recording]
-    transform: NDArray[np.float64] = np.eye(4)
+    transform = np.eye(4) if first is None else first
     detail: dict[str, Any] = {}
     known = [submap for other in others for submap in other.submaps]
     if known:

@@ -22,6 +22,7 @@ from garbi_map.export.drift import Correction, correction, draw_correction, draw
 from garbi_map.export.hillshade import fitted, hillshade, png
 from garbi_map.export.report import Quantity, Report, checked
 from garbi_map.export.settings import ExportSettings
+from garbi_map.export.survey import place_line, place_list, survey_table
 from garbi_map.export.verdict import numbers
 from garbi_map.export.weak import holes_inside, outline, sweeps_about
 from garbi_map.navigate.trajectory import Trajectory
@@ -68,6 +69,9 @@ def write_report_html(
         hillshade=_hillshade(seabed, settings, own.title),
         weak=_weak(own.weak),
         **_maps(seabed, settings),
+        survey=survey_table(own.bathymetry),
+        place=place_list(own.place),
+        where=place_line(own.place, own.bathymetry),
         **_drift(found, registered, own),
         **_agreement(registered.agreement, seabed),
         depth=_depth(seabed, registered.trajectory, own.source.begin_ns, settings.widest_hole),
