@@ -59,6 +59,7 @@ ENTROPY_NOTE = f"half ln |2 pi e C|, C of the points within {100 * ENTROPY_RADIU
 OUTPUTS = {
     "trajectory.tum": "map <- base_link, at 50 Hz and at every profile",
     "cloud.laz": "accepted points with time, intensity and sigma",
+    "moving.laz": "points that later or earlier profiles saw through: what moved or floated, not in the map",
     "seabed.tif": "elevation, uncertainty, density and standard deviation per cell",
     "seabed.glb": "the surface as a mesh",
     "hillshade.png": "the surface from above",

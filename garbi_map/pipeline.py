@@ -65,7 +65,7 @@ def build_map(
             )
         show(registered.trajectory)
         with timed(dive, "seabed"):
-            progress.stage("seabed", 2 * len(store))
+            progress.stage("seabed", 3 * len(store))
             seabed, builder = fuse(dive, store, registered.inside, out, progress, show)
         write_outputs(out, dive, store, Map(navigated, registered, seabed, builder), started, progress)
         shutil.rmtree(work, ignore_errors=True)
@@ -122,7 +122,7 @@ def sweeps_of(dive: Dive, work: Path, workers: int, progress: Progress, show: Sh
 def fuse(
     dive: Dive, store: SweepStore, trajectory: Trajectory, out: Path, progress: Progress, show: Show = unseen
 ) -> tuple[Seabed, SeabedBuilder]:
-    """The accepted points of all sweeps, into cloud.laz and the surface."""
+    """The accepted points of all sweeps, into cloud.laz and the surface; what moved, into moving.laz."""
     from garbi_map.export import CloudWriter
 
     mount = dive.navigation.mount("rig")
@@ -131,13 +131,16 @@ def fuse(
         for sweep in counted(store, progress):
             yield sweep, trajectory.at(sweep.stamp_ns).mounted(mount)
 
-    with CloudWriter(out / "cloud.laz", dive.config.export.cloud_scale) as cloud:
+    scale = dive.config.export.cloud_scale
+    with CloudWriter(out / "cloud.laz", scale) as cloud, CloudWriter(out / "moving.laz", scale) as moving:
 
         def take(points: AcceptedPoints) -> None:
             cloud.write(points)
+            if points.moving is not None:
+                moving.write(points.moving)
             show(points)
 
-        return build_seabed(posed, dive.config.seabed, mount, take)
+        return build_seabed(posed, dive.config.seabed, mount, take, dive.rig.eyes)
 
 
 @contextmanager

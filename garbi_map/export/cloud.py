@@ -11,7 +11,7 @@ import numpy as np
 
 from garbi_map.aside import written_aside
 from garbi_map.export.georeference import Georeference
-from garbi_map.seabed.types import AcceptedPoints
+from garbi_map.seabed.types import Points
 
 _INTENSITY_STEPS = 256  # 0..255 to the 16 bits of LAS
 
@@ -47,7 +47,7 @@ class CloudWriter:
             self._writer.close()
         return self._stack.__exit__(kind, error, trace)
 
-    def write(self, points: AcceptedPoints) -> None:
+    def write(self, points: Points) -> None:
         """Append the points of a sweep."""
         import laspy
 

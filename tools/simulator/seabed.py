@@ -84,9 +84,14 @@ class Scene:
 
     def on_ground(self, points: Floats) -> NDArray[np.bool_]:
         """Whether points (n, 3) m lie on the still seabed, within a millimetre, and not on what moves."""
-        o3d = _open3d()
-        away = self._still.compute_distance(o3d.core.Tensor(points.astype(np.float32)))
-        return np.asarray(away.numpy()) < 1e-3
+        return _distance(self._still, points) < 1e-3
+
+    def distances(self, points: Floats, time: float) -> tuple[Floats, Floats]:
+        """Of points (n, 3) m, map, from the still seabed and from the nearest moving body at a time (s), (n,) m each."""
+        body = np.full(len(points), np.inf)
+        for mover, shape in self._moving:
+            body = np.minimum(body, _distance(shape, points - mover_centre(mover, time)))
+        return _distance(self._still, points), body
 
     def write(self, path: Path) -> None:
         """The true still surface as binary PLY."""
@@ -233,6 +238,11 @@ def _ray_casting(mesh: Mesh) -> Any:
     scene = o3d.t.geometry.RaycastingScene(nthreads=1)
     scene.add_triangles(o3d.core.Tensor(mesh[0].astype(np.float32)), o3d.core.Tensor(mesh[1].astype(np.uint32)))
     return scene
+
+
+def _distance(scene: Any, points: Floats) -> Floats:
+    away = scene.compute_distance(_open3d().core.Tensor(points.astype(np.float32)), nthreads=1)
+    return np.asarray(away.numpy(), np.float64)
 
 
 def _cast(scene: Any, origin: Floats, direction: Floats) -> tuple[Floats, Floats]:
