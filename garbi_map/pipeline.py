@@ -81,7 +81,7 @@ def build_map(
             database.remove_unnamed()
             built = map_of(database, dive, made)
         with published(database, out, config) as files:
-            write_cloud(database, files / "cloud.laz", config, built.located.reference)
+            write_clouds(database, files, config, built.located.reference)
             write_outputs(files, dive, made.store, built, started, progress)
         shutil.rmtree(work, ignore_errors=True)
         return left_out(database, dives)
@@ -145,8 +145,9 @@ def map_of(database: Database, dive: Dive, made: Estimate) -> Map:
     )
 
 
-def write_cloud(database: Database, path: Path, config: Config, reference: Georeference) -> None:
-    """The points of all dives."""
-    with CloudWriter(path, config.export.cloud_scale, reference) as cloud:
-        for points in database.points():
-            cloud.write(points)
+def write_clouds(database: Database, files: Path, config: Config, reference: Georeference) -> None:
+    """The points of all dives: those of the seabed, and apart from them what moved."""
+    for name, parts in (("cloud.laz", database.points()), ("moving.laz", database.moving())):
+        with CloudWriter(files / name, config.export.cloud_scale, reference) as cloud:
+            for points in parts:
+                cloud.write(points)

@@ -12,16 +12,16 @@ import numpy as np
 
 from garbi_map.aside import remove_leftovers
 from garbi_map.db.catalogue import Catalogue, StoredDive, StoredSubmap
-from garbi_map.db.submaps import read_submap
+from garbi_map.db.submaps import read_moving, read_submap
 from garbi_map.db.tiles import fuse_submap, memory_name, merge_memories
 from garbi_map.db.trajectories import laid, read_poses
 from garbi_map.errors import GarbiError
 from garbi_map.executor import Workers
 from garbi_map.navigate import Trajectory
-from garbi_map.seabed import JudgedPoints, SeabedSettings, SurfaceGrid
+from garbi_map.seabed import JudgedPoints, Points, SeabedSettings, SurfaceGrid
 
 _CATALOGUE = "catalogue.sqlite"
-_FOLDERS = ("submaps", "memories", "trajectories")
+_FOLDERS = ("submaps", "moving", "memories", "trajectories")
 
 
 class Database:
@@ -116,6 +116,11 @@ class Database:
         for submap in self.submaps:
             yield from read_submap(self.path(submap.written.file)).sweeps(submap.pose)
 
+    def moving(self) -> Iterator[Points]:
+        """The points of all dives that were seen through, in `map`."""
+        for submap in self.submaps:
+            yield read_moving(self.path(submap.written.moving), submap.pose)
+
     def surface(self, settings: SeabedSettings) -> SurfaceGrid:
         """What all dives together know of the seabed; they must have been fused."""
         return merge_memories(((self.path(one.memory or ""), one.tiles) for one in self.submaps), settings)
@@ -142,7 +147,9 @@ class Database:
                     file.unlink(missing_ok=True)
 
     def _named(self) -> set[str]:
-        return {submap.written.file for submap in self.submaps} | {dive.trajectory for dive in self.dives}
+        return {file for submap in self.submaps for file in submap.written.files} | {
+            dive.trajectory for dive in self.dives
+        }
 
     def _verify(self) -> None:
         missing = sorted(file for file in self._named() if not self.path(file).is_file())
