@@ -27,6 +27,7 @@ def kills(work: Path, count: int) -> dict[str, Any]:
     """How many of so many interrupted builds end in the map of the undisturbed one."""
     count = count or 50
     logs = [cut(work / f"dive{k}.mcap", *span, k * LATER_NS) for k, span in enumerate(SPANS)]
+    _run(logs, work / "warm")  # compiled code is kept
     begin = time.monotonic()
     _run(logs, work / "undisturbed")
     length = time.monotonic() - begin
