@@ -45,6 +45,7 @@ def build_map(
     """
     progress = progress or Silent()
     started = time.perf_counter()
+    rig_path = rig_path and rig_path.absolute()
     recordings = split_recordings(paths, config.log, config.database.split_gap)
     dives = [open_dive(recording, config, rig_path, span) for recording in recordings]
     try:
@@ -53,7 +54,7 @@ def build_map(
         raise GarbiError(f"{out}: cannot be made a folder: {error.strerror}") from error
     with (
         alone_in(out),
-        Database(out / "db") as database,
+        Database(out.absolute() / "db") as database,
         open_workers(workers if len(dives) > 1 else 1, dask) as crew,
     ):
         remove_leftovers(out)
@@ -64,10 +65,10 @@ def build_map(
         check_rigs(database, new)
         check_place(database, dives[0])
 
-        work = out / ".work"
+        work = out.absolute() / ".work"
         if len(new) > 1 or dask is not None:
             progress.stage("dives, each by itself", len(new))
-            jobs = [(dive.paths, config, rig_path, span, database.folder, work) for dive in new]
+            jobs = [([path.absolute() for path in dive.paths], config, rig_path, span, database.folder, work) for dive in new]
             crew.run(estimate_apart, jobs, progress.advance)
         for dive in new or dives[-1:]:
             made = estimate(dive, database.folder, work, workers, progress, show)

@@ -34,54 +34,45 @@ def join_map(
     Raises GarbiError, and the map stays as it is, where the dive's place in it is not sure.
     """
     others = [known for known in database.dives if known.recording != dive.recording]
-    transform = np.eye(4) if first is None else first
-    detail: dict[str, Any] = {}
     known = [submap for other in others for submap in other.submaps]
-    if known:
-        transform, detail = _place(database, dive, known, written, settings)
-    own = [StoredSubmap(one, Pose.of(transform, one.frame)) for one in written]
-    number = np.repeat(np.arange(len(others) + 1), [*(len(other.submaps) for other in others), len(own)])
-    settled = _settled(database.folder, known + own, number, settings) if known else own
-    moved = [new for new, old in zip(settled, known, strict=False) if new is not old]
-    detail["submaps moved"] = len(moved)
-    database.join(replace(dive, submaps=tuple(settled[len(known) :])), moved, detail)
-
-
-def _place(
-    database: Database,
-    dive: StoredDive,
-    known: list[StoredSubmap],
-    written: list[SubmapFile],
-    settings: PlaceSettings,
-) -> tuple[NDArray[np.float64], dict[str, Any]]:
-    ground = _surfels(database.folder, known, settings)
     own = [StoredSubmap(one, Pose.of(np.eye(4), one.frame)) for one in written]
-    found = place(ground, _surfels(database.folder, own, settings), settings)
-    if isinstance(found, str):
-        raise GarbiError(
-            f"{dive.title}: cannot be laid on the map in {database.folder.parent}: {found}; choose another folder for it"
-        )
-    return found.transform, {
-        "overlap_m2": found.overlap,
-        "agreement": found.agreement,
-        "residual_m": found.residual,
-        "sigma": found.sigma.tolist(),
-    }
+    surfels = _surfels(database.folder, own, settings)
+    detail: dict[str, Any] = {}
+    if not known:
+        laid = _moved(own, np.tile(np.eye(4) if first is None else first, (len(own), 1, 1)))
+    else:
+        ground = _surfels(database.folder, known, settings)
+        found = place(ground, surfels, settings)
+        if isinstance(found, str):
+            raise GarbiError(
+                f"{dive.title}: cannot be laid on the map in {database.folder.parent}: {found}; "
+                "choose another folder for it"
+            )
+        transforms = np.tile(found.transform, (len(own), 1, 1))
+        placed = surfels.moved(transforms)
+        both = join(ground, replace(placed, sweep=placed.sweep + len(known)))
+        number = np.repeat(np.arange(len(others) + 1), [*(len(other.submaps) for other in others), len(own)])
+        laid = _settled(known + _moved(own, transforms), both, number, settings)
+        detail = {"overlap_m2": found.overlap, "agreement": found.agreement, "residual_m": found.residual}
+        detail["sigma"] = found.sigma.tolist()
+    moved = [new for new, old in zip(laid, known, strict=False) if new is not old]
+    detail["submaps moved"] = len(moved)
+    database.join(replace(dive, submaps=tuple(laid[len(known) :])), moved, detail)
 
 
 def _settled(
-    folder: Path, submaps: list[StoredSubmap], dive: NDArray[np.int64], settings: PlaceSettings
+    submaps: list[StoredSubmap], surfels: Surfels, dive: NDArray[np.int64], settings: PlaceSettings
 ) -> list[StoredSubmap]:
     """The submaps of all dives where they agree best; one that would hardly move is left, as it is, where it is."""
-    surfels = _surfels(folder, submaps, settings)
     transforms = settle(surfels, dive)
     step = np.linalg.norm(surfels.moved(transforms).mean - surfels.mean, axis=1)
-    out = []
-    for k, submap in enumerate(submaps):
-        own = step[surfels.sweep == k]
-        far = len(own) > 0 and float(np.median(own)) > settings.least_move
-        out.append(replace(submap, pose=submap.pose.after(transforms[k])) if far else submap)
-    return out
+    far = [k for k in range(len(submaps)) if np.median(np.r_[step[surfels.sweep == k], 0.0]) > settings.least_move]
+    new = dict(zip(far, _moved([submaps[k] for k in far], transforms[far]), strict=True))
+    return [new.get(k, submap) for k, submap in enumerate(submaps)]
+
+
+def _moved(submaps: list[StoredSubmap], transforms: NDArray[np.float64]) -> list[StoredSubmap]:
+    return [replace(one, pose=one.pose.after(transform)) for one, transform in zip(submaps, transforms, strict=True)]
 
 
 def _surfels(folder: Path, submaps: list[StoredSubmap], settings: PlaceSettings) -> Surfels:
