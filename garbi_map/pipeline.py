@@ -68,8 +68,10 @@ def build_map(
         work = out.absolute() / ".work"
         if len(new) > 1 or dask is not None:
             progress.stage("dives, each by itself", len(new))
-            jobs = [([path.absolute() for path in dive.paths], config, rig_path, span, database.folder, work) for dive in new]
-            crew.run(estimate_apart, jobs, progress.advance)
+            same = (config, rig_path, span, database.folder, work)
+            crew.run(
+                estimate_apart, [([path.absolute() for path in dive.paths], *same) for dive in new], progress.advance
+            )
         for dive in new or dives[-1:]:
             made = estimate(dive, database.folder, work, workers, progress, show)
             if dive in new:

@@ -48,11 +48,11 @@ def join_map(
                 f"{dive.title}: cannot be laid on the map in {database.folder.parent}: {found}; "
                 "choose another folder for it"
             )
-        transforms = np.tile(found.transform, (len(own), 1, 1))
-        placed = surfels.moved(transforms)
-        both = join(ground, replace(placed, sweep=placed.sweep + len(known)))
+        placed = _moved(own, np.tile(found.transform, (len(own), 1, 1)))
+        # made anew where they lie: patches on the grid of the map's own have the same curvature in them
+        surfels = _surfels(database.folder, placed, settings, len(known))
         number = np.repeat(np.arange(len(others) + 1), [*(len(other.submaps) for other in others), len(own)])
-        laid = _settled(known + _moved(own, transforms), both, number, settings)
+        laid = _settled(known + placed, join(ground, surfels), number, settings)
         detail = {"overlap_m2": found.overlap, "agreement": found.agreement, "residual_m": found.residual}
         detail["sigma"] = found.sigma.tolist()
     moved = [new for new, old in zip(laid, known, strict=False) if new is not old]
@@ -75,8 +75,12 @@ def _moved(submaps: list[StoredSubmap], transforms: NDArray[np.float64]) -> list
     return [replace(one, pose=one.pose.after(transform)) for one, transform in zip(submaps, transforms, strict=True)]
 
 
-def _surfels(folder: Path, submaps: list[StoredSubmap], settings: PlaceSettings) -> Surfels:
+def _surfels(folder: Path, submaps: list[StoredSubmap], settings: PlaceSettings, first: int = 0) -> Surfels:
+    """The patches of submaps, numbered from `first`."""
     return reduce(
         join,
-        (surfels_of(read_submap(folder / one.written.file), one.pose, k, settings) for k, one in enumerate(submaps)),
+        (
+            surfels_of(read_submap(folder / one.written.file), one.pose, k, settings)
+            for k, one in enumerate(submaps, first)
+        ),
     )
