@@ -8,6 +8,7 @@ import yaml
 from pydantic import ValidationError
 
 from garbi_map.calibrate.settings import CalibrateSettings
+from garbi_map.compare.settings import CompareSettings
 from garbi_map.db.settings import DatabaseSettings
 from garbi_map.errors import GarbiError
 from garbi_map.export.settings import ExportSettings
@@ -34,6 +35,7 @@ class Config(Settings):
     export: ExportSettings = ExportSettings()
     view: ViewSettings = ViewSettings()
     calibrate: CalibrateSettings = CalibrateSettings()
+    compare: CompareSettings = CompareSettings()
 
     def to_yaml(self) -> str:
         """The whole configuration, defaults included."""

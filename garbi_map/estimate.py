@@ -142,11 +142,11 @@ def judged_of(
     """The points that belong to the seabed, judged by all sweeps of the dive; on disk as submaps."""
     kept = folder / "judged.npz"
     known = recall(kept, (Judged, SubmapFile))
-    if known is not None and all((database / submap.file).is_file() for submap in known.submaps):
+    if known is not None and all((database / file).is_file() for submap in known.submaps for file in submap.files):
         return known
-    progress.stage("seabed", 2 * len(store))
+    progress.stage("seabed", 3 * len(store))
     mount = dive.navigation.mount("rig")
-    builder = SeabedBuilder(dive.config.seabed, mount)
+    builder = SeabedBuilder(dive.config.seabed, mount, dive.rig.eyes)
 
     def posed() -> Iterator[tuple[Sweep, Trajectory]]:
         for sweep in counted(store, progress):
@@ -154,6 +154,8 @@ def judged_of(
 
     for sweep, poses in posed():
         builder.observe(sweep, poses)
+    for sweep, poses in posed():
+        builder.see_through(sweep, poses)
     submaps: list[SubmapFile] = []
     parts: list[tuple[int, JudgedPoints, NDArray[np.float64]]] = []
     longest = round(dive.config.database.submap_seconds * 1e9)

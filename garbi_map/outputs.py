@@ -66,6 +66,7 @@ OUTPUTS = {
     "trajectory.tum": "map <- base_link, at 50 Hz and at every profile",
     "cloud.laz": "accepted points with time, intensity and sigma",
     "cloud.copc.laz": "the same file, by the name under which QGIS and PDAL know that they need not read all of it",
+    "moving.laz": "points that later or earlier profiles saw through: what moved or floated, not in the map",
     "seabed.tif": "elevation, uncertainty, density and standard deviation per cell",
     "contours.gpkg": "depth contours",
     "seabed.glb": "the surface as a mesh",

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from garbi_map.aside import alone_in, remove_leftovers
 from garbi_map.config import Config
-from garbi_map.db import Database, StoredDive, join_map
+from garbi_map.db import Database, StoredDive, join_map, laid
 from garbi_map.dive import Dive, Map, Span, open_dive
 from garbi_map.errors import GarbiError
 from garbi_map.estimate import Estimate, estimate, estimate_apart, sweeps_of, timed, trajectory_file
@@ -81,7 +81,7 @@ def build_map(
             database.remove_unnamed()
             built = map_of(database, dive, made)
         with published(database, out, config) as files:
-            write_cloud(database, files / "cloud.laz", config, built.located.reference)
+            write_clouds(database, files, config, built.located.reference)
             write_outputs(files, dive, made.store, built, started, progress)
         shutil.rmtree(work, ignore_errors=True)
         return left_out(database, dives)
@@ -125,13 +125,18 @@ def stored(dive: Dive, made: Estimate) -> StoredDive:
 
 def map_of(database: Database, dive: Dive, made: Estimate) -> Map:
     """The map of all dives, and this one's estimate as it lies in it."""
-    transform = database.dive(dive.recording).submaps[0].transform
+    submaps = database.dive(dive.recording).submaps
     rejected: Counter[str] = Counter()
     for known in database.dives:
         rejected.update(known.rejected)
     return Map(
-        navigated=replace(made.navigated, trajectory=made.navigated.trajectory.moved(transform)),
-        registered=made.registered.moved(transform),
+        navigated=replace(made.navigated, trajectory=laid(made.navigated.trajectory, submaps)),
+        registered=replace(
+            made.registered,
+            trajectory=laid(made.registered.trajectory, submaps),
+            inside=laid(made.registered.inside, submaps),
+            agreement=made.registered.agreement.moved(submaps[0].transform),
+        ),
         seabed=database.surface(dive.config.seabed).finish(),
         path=database.trajectory(),
         accepted=sum(known.accepted for known in database.dives),
@@ -140,8 +145,9 @@ def map_of(database: Database, dive: Dive, made: Estimate) -> Map:
     )
 
 
-def write_cloud(database: Database, path: Path, config: Config, reference: Georeference) -> None:
-    """The points of all dives."""
-    with CloudWriter(path, config.export.cloud_scale, reference) as cloud:
-        for points in database.points():
-            cloud.write(points)
+def write_clouds(database: Database, files: Path, config: Config, reference: Georeference) -> None:
+    """The points of all dives: those of the seabed, and apart from them what moved."""
+    for name, parts in (("cloud.laz", database.points()), ("moving.laz", database.moving())):
+        with CloudWriter(files / name, config.export.cloud_scale, reference) as cloud:
+            for points in parts:
+                cloud.write(points)

@@ -6,7 +6,7 @@ from garbi_map.db.join import join_map
 from garbi_map.db.kept import keep, recall
 from garbi_map.db.settings import DatabaseSettings, PlaceSettings
 from garbi_map.db.submaps import Pose, SubmapFile, write_submap
-from garbi_map.db.trajectories import write_poses
+from garbi_map.db.trajectories import laid, write_poses
 
 __all__ = [
     "Database",
@@ -18,6 +18,7 @@ __all__ = [
     "SubmapFile",
     "join_map",
     "keep",
+    "laid",
     "recall",
     "write_poses",
     "write_submap",

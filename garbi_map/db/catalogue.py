@@ -129,8 +129,9 @@ class Catalogue:
             told = [(*row[1:10], json.loads(row[10]), json.loads(row[11]), self._submaps(row[0])) for row in rows]
             return [StoredDive(*one) for one in told]
 
-    def join(self, dive: StoredDive, detail: dict[str, Any]) -> None:
-        """A dive joins, instead of an earlier estimate of the same recording where there is one."""
+    def join(self, dive: StoredDive, moved: Sequence[StoredSubmap], detail: dict[str, Any]) -> None:
+        """A dive joins, instead of an earlier estimate of the same recording where there is one; submaps of other dives
+        that were `moved` meanwhile get the next version of their pose."""
         with self._transaction() as db:
             number = db.execute("select number from dives where recording = ?", [dive.recording]).fetchone()
             if number is None:
@@ -151,7 +152,7 @@ class Catalogue:
                 own = submap.written
                 row = [own.name, number[0], own.points, own.begin_ns, own.end_ns, *own.frame.tolist()]
                 db.execute("insert into submaps values (?, ?, ?, ?, ?, ?, ?, ?)", row)
-            for submap in dive.submaps:
+            for submap in (*dive.submaps, *moved):
                 self._lay(submap)
             self._remember("joined", {"dive": dive.title, "estimate": dive.estimate, **detail})
 

@@ -12,16 +12,16 @@ import numpy as np
 
 from garbi_map.aside import remove_leftovers
 from garbi_map.db.catalogue import Catalogue, StoredDive, StoredSubmap
-from garbi_map.db.submaps import read_submap
+from garbi_map.db.submaps import read_moving, read_submap
 from garbi_map.db.tiles import fuse_submap, memory_name, merge_memories
 from garbi_map.db.trajectories import laid, read_poses
 from garbi_map.errors import GarbiError
 from garbi_map.executor import Workers
 from garbi_map.navigate import Trajectory
-from garbi_map.seabed import JudgedPoints, SeabedSettings, SurfaceGrid
+from garbi_map.seabed import JudgedPoints, Points, SeabedSettings, SurfaceGrid
 
 _CATALOGUE = "catalogue.sqlite"
-_FOLDERS = ("submaps", "memories", "trajectories")
+_FOLDERS = ("submaps", "moving", "memories", "trajectories")
 
 
 class Database:
@@ -72,9 +72,9 @@ class Database:
         """A fact about the folder, by name."""
         return None if self._catalogue is None else self._catalogue.state(name)
 
-    def join(self, dive: StoredDive, detail: dict[str, Any]) -> None:
+    def join(self, dive: StoredDive, moved: list[StoredSubmap], detail: dict[str, Any]) -> None:
         """A dive joins the map; see Catalogue.join."""
-        self.catalogue.join(dive, detail)
+        self.catalogue.join(dive, moved, detail)
         self.dives = self.catalogue.dives()
 
     def fuse(self, settings: SeabedSettings, workers: Workers) -> None:
@@ -102,10 +102,6 @@ class Database:
         """The dive made of a recording that is in the map."""
         return next(dive for dive in self.dives if dive.recording == recording)
 
-    def others(self, recording: str) -> list[StoredSubmap]:
-        """The submaps of all other dives, in order."""
-        return [submap for dive in self.dives if dive.recording != recording for submap in dive.submaps]
-
     @property
     def submaps(self) -> list[StoredSubmap]:
         """Of all dives, in order."""
@@ -119,6 +115,11 @@ class Database:
         """All points in `map`, sweep by sweep; a submap is in memory at a time."""
         for submap in self.submaps:
             yield from read_submap(self.path(submap.written.file)).sweeps(submap.pose)
+
+    def moving(self) -> Iterator[Points]:
+        """The points of all dives that were seen through, in `map`."""
+        for submap in self.submaps:
+            yield read_moving(self.path(submap.written.moving), submap.pose)
 
     def surface(self, settings: SeabedSettings) -> SurfaceGrid:
         """What all dives together know of the seabed; they must have been fused."""
@@ -146,7 +147,9 @@ class Database:
                     file.unlink(missing_ok=True)
 
     def _named(self) -> set[str]:
-        return {submap.written.file for submap in self.submaps} | {dive.trajectory for dive in self.dives}
+        return {file for submap in self.submaps for file in submap.written.files} | {
+            dive.trajectory for dive in self.dives
+        }
 
     def _verify(self) -> None:
         missing = sorted(file for file in self._named() if not self.path(file).is_file())

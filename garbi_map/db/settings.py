@@ -19,6 +19,9 @@ class PlaceSettings(Settings):
         default=0.5, gt=0.0, lt=1.0, description="share of the common ground that must lie within `agreement`"
     )
     agreement: float = Field(default=0.003, gt=0.0, description="m, between patches that show the same ground")
+    least_move: float = Field(
+        default=2e-4, ge=0.0, description="m; a submap that would be moved by less stays, and is not fused again"
+    )
     weakest: float = Field(
         default=1e6, gt=0.0, description="1/m^2; where a direction is known less well, the ground is too flat to tell"
     )
@@ -27,7 +30,9 @@ class PlaceSettings(Settings):
 class DatabaseSettings(Settings):
     """What DIR/db holds, and when a dive is refused."""
 
-    submap_seconds: float = Field(default=30.0, gt=0.0, description="s, sweeps of that time are kept in one file")
+    submap_seconds: float = Field(
+        default=12.0, gt=0.0, description="s; sweeps of that time make one submap, which is stiff"
+    )
     several_rigs: bool = Field(default=False, description="a dive with another rig.yaml may join the map")
     split_gap: float = Field(
         default=60.0, gt=0.0, description="s; log files with a longer pause between them are different dives"

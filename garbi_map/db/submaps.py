@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from garbi_map.aside import written_aside
 from garbi_map.errors import GarbiError
-from garbi_map.seabed import JudgedPoints
+from garbi_map.seabed import JudgedPoints, Points
 
 Floats = NDArray[np.float64]
 
@@ -46,6 +46,11 @@ class Pose:
         turn = transform[:3, :3]
         return cls(turn @ frame + transform[:3, 3], Rotation.from_matrix(turn).as_quat(canonical=True))
 
+    def after(self, transform: Floats) -> Pose:
+        """This pose followed by a motion (4, 4) in `map`."""
+        turn = Rotation.from_matrix(transform[:3, :3])
+        return Pose(turn.apply(self.translation) + transform[:3, 3], (turn * self.rotation).as_quat(canonical=True))
+
     def transform(self, frame: Floats) -> Floats:
         """map <- dive (4, 4), for a submap whose frame's origin is `frame` (3,) in its dive."""
         out = np.eye(4)
@@ -69,6 +74,16 @@ class SubmapFile:
     def file(self) -> str:
         """Relative to the database."""
         return f"submaps/{self.name}.parquet"
+
+    @property
+    def moving(self) -> str:
+        """The points that were seen through, likewise."""
+        return f"moving/{self.name}.parquet"
+
+    @property
+    def files(self) -> tuple[str, str]:
+        """All of it."""
+        return self.file, self.moving
 
 
 @dataclass(frozen=True)
@@ -107,9 +122,9 @@ class Submap:
                 self.sigma[rows],
                 self.intensity[rows],
                 np.zeros(end - begin, np.uint8),
-                slope[rows],
-                self.noise[rows].astype(np.float64) ** 2,
-                self.pose[rows].astype(np.float64),
+                gradient=slope[rows],
+                noise=self.noise[rows].astype(np.float64) ** 2,
+                pose=self.pose[rows].astype(np.float64),
             )
 
     def _turned_gradient(self, pose: Pose) -> Floats:
@@ -131,7 +146,6 @@ def write_submap(database: Path, name: str, parts: list[tuple[int, JudgedPoints,
 
     The same sweeps give the same bytes. Raises GarbiError where they cannot be written.
     """
-    import pyarrow as pa
 
     def all_of(name: str) -> NDArray[Any]:
         return np.concatenate([getattr(points, name) for _, points, _ in parts])
@@ -150,14 +164,45 @@ def write_submap(database: Path, name: str, parts: list[tuple[int, JudgedPoints,
         "noise": np.sqrt(all_of("noise")).astype(np.float32),
         "pose": all_of("pose").astype(np.float32),
         "slope_x": gradient[:, 0], "slope_y": gradient[:, 1],
-        "intensity": np.clip(all_of("intensity") * INTENSITY_STEPS, 0, 65535).astype(np.uint16),
+        "intensity": _coarse_intensity(all_of("intensity")),
     }  # fmt: skip
-    about = {"unit": f"x, y, z and camera: {STEP:g} m; sigma, noise, pose: m; intensity: 1/{INTENSITY_STEPS}"}
-    table = pa.table({name: np.ascontiguousarray(column) for name, column in columns.items()})
     stamps = columns["stamp_ns"]
     written = SubmapFile(name, frame, len(place), int(stamps.min()), int(stamps.max()))
-    write_parquet(database / written.file, table.replace_schema_metadata({"garbi": json.dumps(about)}))
+    _write_columns(database / written.file, columns)
+    moving = [points.moving for _, points, _ in parts if points.moving is not None]
+    _write_columns(database / written.moving, _moving_columns(moving, frame))
     return written
+
+
+def _moving_columns(parts: list[Points], frame: Floats) -> dict[str, NDArray[Any]]:
+    place = quantised(np.concatenate([part.points for part in parts] or [np.empty((0, 3))]), frame)
+    empty: NDArray[Any] = np.empty(0)
+    return {
+        "x": place[:, 0], "y": place[:, 1], "z": place[:, 2],
+        "stamp_ns": np.concatenate([part.stamp_ns for part in parts] or [empty]).astype(np.int64),
+        "sigma": np.concatenate([part.sigma for part in parts] or [empty]).astype(np.float32),
+        "intensity": _coarse_intensity(np.concatenate([part.intensity for part in parts] or [empty])),
+    }  # fmt: skip
+
+
+def _coarse_intensity(intensity: NDArray[Any]) -> NDArray[np.uint16]:
+    return np.clip(intensity * INTENSITY_STEPS, 0, 65535).astype(np.uint16)
+
+
+def _write_columns(path: Path, columns: dict[str, NDArray[Any]]) -> None:
+    import pyarrow as pa
+
+    about = {"unit": f"x, y, z and camera: {STEP:g} m; sigma, noise, pose: m; intensity: 1/{INTENSITY_STEPS}"}
+    table = pa.table({name: np.ascontiguousarray(column) for name, column in columns.items()})
+    write_parquet(path, table.replace_schema_metadata({"garbi": json.dumps(about)}))
+
+
+def read_moving(path: Path, pose: Pose) -> Points:
+    """What was seen through, in `map`. Raises GarbiError where the file is missing or damaged."""
+    table = read_parquet(path)
+    place = np.stack([table["x"], table["y"], table["z"]], axis=1) * STEP
+    intensity = table["intensity"].astype(np.float32) / np.float32(INTENSITY_STEPS)
+    return Points(table["stamp_ns"], pose.apply(place), table["sigma"], intensity)
 
 
 def read_submap(path: Path) -> Submap:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
 
 from garbi_map.db.submaps import read_parquet, write_parquet
 from garbi_map.navigate import Trajectory
@@ -40,5 +41,20 @@ def read_poses(path: Path) -> Trajectory:
 
 
 def laid(trajectory: Trajectory, submaps: Sequence[StoredSubmap]) -> Trajectory:
-    """A dive's trajectory in `map`."""
-    return trajectory.moved(submaps[0].transform)
+    """A dive's trajectory in `map`: as its submaps are in their middles, and changing evenly from one to the next."""
+    transforms = np.array([submap.transform for submap in submaps])
+    if np.abs(transforms - transforms[0]).max() < 1e-9:
+        return trajectory.moved(transforms[0])
+    begin_ns = trajectory.stamp_ns[0]
+    middle = np.array([(one.written.begin_ns - begin_ns + one.written.end_ns - begin_ns) * 5e-10 for one in submaps])
+    t = np.clip((trajectory.stamp_ns - begin_ns) * 1e-9, middle[0], middle[-1])
+    centre = trajectory.position.mean(axis=0)
+    shift = transforms[:, :3, :3] @ centre + transforms[:, :3, 3] - centre
+    turn = Slerp(middle, Rotation.from_matrix(transforms[:, :3, :3]))(t)
+    moved = np.stack([np.interp(t, middle, column) for column in shift.T], axis=1)
+    return Trajectory(
+        trajectory.stamp_ns,
+        turn.apply(trajectory.position - centre) + centre + moved,
+        (turn * trajectory.rotation).as_quat(),
+        trajectory.moved(transforms[0]).covariance,
+    )

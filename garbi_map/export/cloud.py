@@ -17,7 +17,7 @@ import numpy as np
 from garbi_map.aside import written_aside
 from garbi_map.errors import GarbiError
 from garbi_map.export.georeference import Georeference
-from garbi_map.seabed.types import AcceptedPoints
+from garbi_map.seabed.types import Points
 
 _INTENSITY_STEPS = 256  # 0..255 to the 16 bits of LAS
 OWN_RECORD = ("garbi", 1)
@@ -62,7 +62,7 @@ class CloudWriter:
             write_copc(self._aside, self._spool, self._header)
         return None
 
-    def write(self, points: AcceptedPoints) -> None:
+    def write(self, points: Points) -> None:
         """Append the points of a sweep."""
         if len(points.points) == 0:
             return

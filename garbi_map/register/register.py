@@ -63,15 +63,6 @@ class Registered:
     clocks: list[Offset] = field(default_factory=list)
     looped: list[tuple[int, int]] = field(default_factory=list)
 
-    def moved(self, transform: Floats) -> Registered:
-        """The same in another frame, which a transform (4, 4) of this one gives."""
-        return replace(
-            self,
-            trajectory=self.trajectory.moved(transform),
-            inside=self.inside.moved(transform),
-            agreement=self.agreement.moved(transform),
-        )
-
 
 def register(
     store: SweepStore,

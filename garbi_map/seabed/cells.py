@@ -30,6 +30,8 @@ VOXEL = np.dtype(
         ("profiles", np.int32),  # profiles that hit it
         ("first", np.int32),  # lowest and highest number of a profile that hit it
         ("last", np.int32),
+        ("through", np.int32),  # profiles whose light or view passed the middle of its points and went on
+        ("passer", np.int32),  # the last of them
         ("x", np.float32),  # sums of offsets, m, and of their products, m^2
         ("y", np.float32),
         ("z", np.float32),
@@ -49,6 +51,7 @@ SURROUNDING = np.dtype(
         ("count", np.int32),  # points
         ("support", np.int32),  # profiles, summed over the voxels
         ("voxels", np.int32),  # voxels that were hit
+        ("through", np.int32),  # profiles that went on, summed over the voxels
         ("several", np.bool_),  # more than one profile hit it
         ("share", np.float32),  # of the support that the best place of its column has
         ("x", np.float32),  # centroid, m from the voxel's centre

@@ -25,6 +25,8 @@ class Evidence:
         self._voxels = _table(1 << 16)
         self._used = 0
         self._profiles = 0
+        self._passed = 0
+        self._blocks: NDArray[np.int64] | None = None
         self._surrounding: NDArray[np.void] | None = None
 
     def observe(
@@ -45,6 +47,31 @@ class Evidence:
             kernels.rehash(self._voxels, larger)
             self._voxels = larger
         self._profiles += profiles
+        self._surrounding = self._blocks = None
+
+    def pass_through(
+        self,
+        placed: NDArray[np.float64],
+        sigma: NDArray[np.float32],
+        profile: NDArray[np.int32],
+        row: NDArray[np.int32],
+        eyes: NDArray[np.float64],
+    ) -> None:
+        """Let the light and the view of one sweep pass: what is on their way to the points (n, 3) was not there then.
+
+        eyes (e, profiles, 3): where camera and laser were, in `map`. Once for every sweep, after all were observed.
+        """
+        from garbi_map.seabed import free_space_kernels as kernels
+
+        if self._blocks is None:
+            self._blocks = _occupied(self._voxels)
+        own = self._settings
+        verdict = self._first_verdicts(placed, sigma)
+        kernels.pass_rays(
+            self._voxels, self._blocks, placed, verdict, profile, row, self._passed, eyes,
+            own.voxel, own.gap, own.beam, own.every,
+        )  # fmt: skip
+        self._passed += eyes.shape[1]
         self._surrounding = None
 
     def judge(
@@ -76,6 +103,8 @@ class Evidence:
             own.min_points,
             own.min_run,
             own.min_share,
+            own.max_through,
+            own.every,
             own.gate,
             verdict,
             gradient,
@@ -93,6 +122,18 @@ def _table(length: int) -> NDArray[np.void]:
     table = np.zeros(length, VOXEL)
     table["key"] = -1
     return table
+
+
+def _occupied(voxels: NDArray[np.void]) -> NDArray[np.int64]:
+    """The table of blocks that hold a voxel."""
+    from garbi_map.seabed import free_space_kernels as kernels
+
+    length = 1 << 10
+    while True:
+        blocks = np.full(length, -1, np.int64)
+        if kernels.occupied_blocks(voxels, blocks) >= 0:
+            return blocks
+        length *= 2
 
 
 def _surroundings(voxels: NDArray[np.void], side: float) -> NDArray[np.void]:

@@ -21,6 +21,15 @@ class OutlierSettings(Settings):
         lt=1.0,
         description="of the profiles that hit the best of the column, below which it was seen through",
     )
+    max_through: float = Field(
+        default=0.22,
+        gt=0.0,
+        le=1.0,
+        description="of the profiles that hit a place or saw through it, those that saw through, beyond which it moved",
+    )
+    gap: float = Field(default=0.02, gt=0.0, description="m before what a ray hits, within which it proves nothing")
+    beam: float = Field(default=0.0012, gt=0.0, description="m from the middle of a voxel's points to a ray through it")
+    every: int = Field(default=2, ge=1, description="rows, of which the rays of one are followed")
     gate: float = Field(
         default=4.0, gt=0.0, description="sigmas that a point without support of its own may lie off the surface"
     )

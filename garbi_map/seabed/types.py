@@ -26,21 +26,31 @@ class Verdict(IntEnum):
 
 
 @dataclass(frozen=True)
-class AcceptedPoints:
-    """The points of one sweep that belong to the seabed, in `map`, and which they were.
+class Points:
+    """Points of one sweep in `map`.
 
     stamp_ns    (k,) int64, of each point's profile
     points      (k, 3) float64, m
     sigma       (k,) float32, 1 sigma along the camera ray, m: stripe, laser angle and pose
     intensity   (k,) float32, 0..255
-    verdict     (n,) uint8, a Verdict for each point of the sweep
     """
 
     stamp_ns: NDArray[np.int64]
     points: NDArray[np.float64]
     sigma: NDArray[np.float32]
     intensity: NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class AcceptedPoints(Points):
+    """The points of one sweep that belong to the seabed, and which they were.
+
+    verdict     (n,) uint8, a Verdict for each point of the sweep
+    moving      those that were seen through: fish, cables, the vehicle's own arm
+    """
+
     verdict: NDArray[np.uint8]
+    moving: Points | None = None
 
     @property
     def mask(self) -> NDArray[np.bool_]:
@@ -54,7 +64,7 @@ class AcceptedPoints:
         return {reason.label: int(count[reason]) for reason in Verdict if reason != Verdict.ACCEPTED}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class JudgedPoints(AcceptedPoints):
     """Accepted points with what their fusion needs.
 

@@ -1,4 +1,4 @@
-"""Many dives on a local Dask cluster of two single-threaded workers, beside one thread; and with a worker killed half-way."""
+"""Many dives on a local Dask cluster of two single-threaded workers, beside one thread; and with a worker killed."""
 
 from __future__ import annotations
 

@@ -133,7 +133,7 @@ def swath(number: int) -> list[tuple[int, JudgedPoints, np.ndarray]]:
         stamps = (np.r_[stamps, np.full(each - len(stamps), stamps[-1])]) + (SWEEPS * number + k) * 4_000_000_000
         judged = JudgedPoints(
             stamps, points, np.full(each, 4e-4, np.float32), rng.uniform(50, 200, each).astype(np.float32),
-            np.zeros(each, np.uint8), slope, rng.uniform(5e-8, 2e-7, each), np.full(each, 2e-4),
+            np.zeros(each, np.uint8), gradient=slope, noise=rng.uniform(5e-8, 2e-7, each), pose=np.full(each, 2e-4),
         )  # fmt: skip
         parts.append((k, judged, points + np.array([0.0, 0.0, 1.3])))
     return parts

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from garbi_map.config import Config
-from garbi_map.db import Database, join_map, write_poses
+from garbi_map.db import Database, StoredSubmap, join_map, laid, write_poses
 from garbi_map.dive import Dive
 from garbi_map.estimate import Estimate, judged_of, registered_of, trajectory_file
 from garbi_map.navigate import Trajectory
@@ -56,7 +57,7 @@ def together(work: Path, count: int) -> dict[str, Any]:
     config = Config()
     variants = visits(count or 4)
     alike: dict[str, Any] = {}
-    reference = None
+    first: tuple[Visit, Estimate] | None = None
     with Database(work / "db") as database:
         for name, (simulated, title) in variants.items():
             visit = visited(name, simulated, work, config)
@@ -65,13 +66,14 @@ def together(work: Path, count: int) -> dict[str, Any]:
             spent = time.process_time() - begin
             join_map(database, stored(visit.dive, made), made.judged.submaps, config.database.place)
             laid = time.process_time() - begin - spent
-            lies = on_truth(visit, made, database.dive(visit.dive.recording).submaps[0].transform)
-            reference = reference or lies
-            error = 1e3 * apart(reference, lies)
+            first = first or (visit, made)
+            lie = [as_laid(*one, database.dive(one[0].dive.recording).submaps) for one in (first, (visit, made))]
+            whole, each = (1e3 * error for error in apart(*lie))
             alike[name] = {
                 "what": title,
-                "median_mm": round(float(np.median(error)), 3),
-                "p95_mm": round(float(np.percentile(error, 95)), 3),
+                "as_a_whole_median_mm": round(float(np.median(whole)), 3),
+                "each_point_median_mm": round(float(np.median(each)), 3),
+                "each_point_p95_mm": round(float(np.percentile(each, 95)), 3),
                 "estimate_cpu_s": round(spent, 1),
                 "placing_cpu_s": round(laid, 1),
                 **database.catalogue.provenance()[-1][2],
@@ -139,29 +141,31 @@ def estimated(visit: Visit, database: Path, work: Path) -> Estimate:
     return Estimate(store, navigated, registered, judged)
 
 
-def on_truth(visit: Visit, made: Estimate, transform: Floats) -> tuple[Floats, Rotation, Floats]:
-    """Some points (n, 3) of a dive as they lie in the map, and the motion that lays them on where they truly were."""
+def as_laid(visit: Visit, made: Estimate, submaps: Sequence[StoredSubmap]) -> tuple[Floats, Floats]:
+    """Some points (n, 3) of a dive as they lie in the map, and (n, 3) where they truly were."""
     mount = visit.dive.navigation.mount("rig")
-    placed = made.registered.trajectory.moved(transform)
     pairs = []
-    for trajectory in (placed, visit.truth):
+    for trajectory in (laid(made.registered.trajectory, submaps), visit.truth):
         own = []
         for sweep in made.store:
             poses = trajectory.at(sweep.stamp_ns).mounted(mount)
             own.append(place_points(sweep.points, sweep.profile, poses.rotation.as_matrix(), poses.position)[::10])
         pairs.append(np.concatenate(own))
-    return (pairs[0], *rigid(*pairs))
+    return pairs[0], pairs[1]
 
 
-def apart(first: tuple[Floats, Rotation, Floats], other: tuple[Floats, Rotation, Floats]) -> Floats:
-    """How far (n,) m the points of a dive are from where the first dive's map has that ground.
+def apart(first: tuple[Floats, Floats], other: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
+    """How far (n,) m the points of a dive are from where the first dive's map has that ground, as a whole and each.
 
     The motion that lays a dive's points on their truth is known from the true poses, without any registration between
-    dives; those of two dives would be one if they were laid on each other without error.
+    dives; those of two dives would be one if they were laid on each other without error. Each point by itself has besides
+    what the dive bends, and its own noise.
     """
-    (_, turn, shift), (points, own_turn, own_shift) = first, other
-    there = turn.inv().apply(own_turn.apply(points) + own_shift - shift)
-    return np.asarray(np.linalg.norm(there - points, axis=1))
+    (turn, shift), (own_turn, own_shift) = rigid(*first), rigid(*other)
+    points, true = other
+    whole = turn.inv().apply(own_turn.apply(points) + own_shift - shift) - points
+    each = turn.inv().apply(true - shift) - points
+    return np.linalg.norm(whole, axis=1), np.linalg.norm(each, axis=1)
 
 
 class _NoLog:
