@@ -85,7 +85,7 @@ class Map:
     path: Trajectory
     accepted: int
     rejected: dict[str, int]
-    located: Located
+    located: Located = field(default_factory=Located)
 
 
 def open_dive(paths: list[Path], config: Config, rig_path: Path | None, span: Span = (None, None)) -> Dive:

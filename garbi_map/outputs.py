@@ -102,8 +102,7 @@ def write_outputs(out: Path, dive: Dive, store: SweepStore, built: Map, started:
     write_glb(out / "seabed.glb", mesh, reference)
     write_ply(out / "seabed.ply", mesh, reference)
     progress.advance()
-    north = "y (north)" if reference.is_local else "grid north"
-    write_hillshade(out / "hillshade.png", built.seabed, settings, dive.paths[0].stem, north)
+    write_hillshade(out / "hillshade.png", built.seabed, settings, dive.paths[0].stem, not reference.is_local)
     progress.advance()
     dive.timings["files"] = time.perf_counter() - begin
     begin = time.perf_counter()

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from garbi_map.compare import CompareSettings, Comparison, align, compare_maps, open_map_folder
 from garbi_map.errors import GarbiError
+from garbi_map.export import Georeference
 from garbi_map.view.show import recording_of
 from tests.two_maps import Height, floor, with_dome, write_folder
 
@@ -136,3 +137,20 @@ def test_a_flat_site_is_not_aligned_by_its_noise(tmp_path: Path) -> None:
     ]
     with pytest.raises(GarbiError, match="cannot be laid on each other"):
         align(maps[0], maps[1], CompareSettings().align)
+
+
+def test_a_map_on_earth_is_compared_in_metres_of_the_ground(before: Path, tmp_path: Path) -> None:
+    """Read back, it is the local map, whatever the scale and the size of its coordinates; the raster lies on Earth."""
+    utm = Georeference(rasterio.crs.CRS.from_epsg(32631).to_wkt(), (512_345.25, 4_650_123.5, 0.0), 0.9996)
+    folder = write_folder(tmp_path / "placed", with_dome(floor, (-0.3, -0.2), STONE, 0.035), reference=utm)
+    local, placed = open_map_folder(before), open_map_folder(folder)
+    assert placed.cell == pytest.approx(local.cell, rel=1e-12) and placed.reference == utm
+    np.testing.assert_allclose(placed.origin, local.origin, atol=2e-9)
+    np.testing.assert_array_equal(placed.elevation, local.elevation)
+    one, other = (np.sort(folder.cloud(10**6), axis=0) for folder in (local, placed))
+    np.testing.assert_allclose(one, other, atol=1.1e-5)
+    found = compare_maps(folder, before, tmp_path / "change", CompareSettings())
+    assert not found.patches
+    with rasterio.open(tmp_path / "change" / "change.tif") as change, rasterio.open(folder / "seabed.tif") as seabed:
+        assert change.crs == seabed.crs
+        np.testing.assert_allclose(change.bounds, seabed.bounds, atol=1e-6)

@@ -18,6 +18,7 @@ from garbi_map.export.octree import SAMPLES, Cube, nodes
 from garbi_map.seabed import AcceptedPoints
 
 LOCAL = Georeference()
+_COLUMNS = ("stamp_ns", "points", "sigma", "intensity", "verdict")
 
 
 def floor(count: int, seed: int = 0, size: tuple[float, float] = (4.0, 2.0)) -> AcceptedPoints:
@@ -38,7 +39,7 @@ def written(path: Path, points: AcceptedPoints, parts: int = 4, reference: Geore
     """The points in so many sweeps."""
     with CloudWriter(path, reference=reference) as writer:
         for rows in np.array_split(np.arange(len(points.points)), parts):
-            writer.write(AcceptedPoints(*(getattr(points, name)[rows] for name in AcceptedPoints.__dataclass_fields__)))
+            writer.write(AcceptedPoints(*(getattr(points, name)[rows] for name in _COLUMNS)))
     return path
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from garbi_map import __version__
-from garbi_map.export import CloudWriter, write_seabed_tif
+from garbi_map.export import CloudWriter, Georeference, write_seabed_tif
 from garbi_map.seabed import AcceptedPoints, Seabed
 
 Floats = NDArray[np.float64]
@@ -51,6 +51,7 @@ def write_folder(
     shift: tuple[float, float, float] = (0.0, 0.0, 0.0),
     seed: int = 0,
     points: int = 200_000,
+    reference: Georeference | None = None,
 ) -> Path:
     """What `garbi map` leaves of a scan of 1.2 by 0.9 m whose origin is free: x_map = rotation x + shift."""
     folder.mkdir(parents=True)
@@ -59,10 +60,10 @@ def write_folder(
     true = np.stack([x, y, height(x, y) + NOISE * random.standard_normal(points)], axis=1)
     placed = true @ (np.eye(3) if rotation is None else rotation).T + shift
     sigma = np.full(points, NOISE, np.float32)
-    with CloudWriter(folder / "cloud.laz") as cloud:
+    with CloudWriter(folder / "cloud.laz", reference=reference) as cloud:
         stamp = 1_790_000_000_000_000_000 + np.arange(points) * 1000
         cloud.write(AcceptedPoints(stamp, placed, sigma, np.full(points, 90, np.float32), np.zeros(points, np.uint8)))
-    write_seabed_tif(folder / "seabed.tif", _grid(placed))
+    write_seabed_tif(folder / "seabed.tif", _grid(placed), reference)
     (folder / "config.yaml").write_text("{}\n")
     (folder / "report.json").write_text(json.dumps({"title": folder.name, "versions": {"garbi": __version__}}))
     return folder

@@ -15,6 +15,7 @@ from garbi_map.compare.alignment import Alignment
 from garbi_map.compare.maps import MapFolder
 from garbi_map.compare.settings import CompareSettings
 from garbi_map.errors import GarbiError
+from garbi_map.export.georeference import Georeference
 from garbi_map.seabed import fill_holes
 
 Floats = NDArray[np.float64]
@@ -41,7 +42,7 @@ class Change:
 
     origin: tuple[float, float]
     cell: float
-    wkt: str
+    reference: Georeference
     elevation: Floats
     distance: Floats
     rise: Floats
@@ -102,7 +103,7 @@ def difference(first: MapFolder, second: MapFolder, motion: Alignment, settings:
     return Change(
         first.origin,
         first.cell,
-        first.wkt,
+        first.reference,
         first.elevation,
         raster(distance, ~hidden),
         raster(np.where(np.isfinite(upright[0]), upright[0], distance)),

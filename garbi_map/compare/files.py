@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from garbi_map.aside import write_text, written_aside
 from garbi_map.compare.change import Change
 from garbi_map.compare.patches import Patch
+from garbi_map.export.georeference import Georeference
 
 BANDS = (
     ("distance", "m", "first map to second, along the normal; positive is gained"),
@@ -32,7 +33,9 @@ def write_change_tif(path: Path, change: Change, labels: NDArray[np.int32]) -> N
     from rasterio.transform import from_origin
 
     rows, columns = change.distance.shape
-    north = change.origin[1] + rows * change.cell
+    corner = np.array([[change.origin[0], change.origin[1] + rows * change.cell, 0.0]])
+    ((west, north, _),) = change.reference.placed(corner)
+    side = change.cell * change.reference.scale
     significant = np.where(change.compared, labels > 0, np.nan)
     with rasterio.MemoryFile() as memory:
         with memory.open(
@@ -42,8 +45,8 @@ def write_change_tif(path: Path, change: Change, labels: NDArray[np.int32]) -> N
             count=len(BANDS),
             dtype="float32",
             nodata=np.nan,
-            crs=rasterio.crs.CRS.from_wkt(change.wkt) if change.wkt else None,
-            transform=from_origin(change.origin[0], north, change.cell, change.cell),
+            crs=rasterio.crs.CRS.from_wkt(change.reference.wkt),
+            transform=from_origin(west, north, side, side),
             compress="ZSTD",
             predictor="YES",
             overview_resampling="average",
@@ -59,28 +62,30 @@ def write_change_tif(path: Path, change: Change, labels: NDArray[np.int32]) -> N
             aside.write_bytes(memory.getbuffer())
 
 
-def write_changes_csv(path: Path, patches: Sequence[Patch]) -> None:
-    """One line for each patch, with a heading that says the units."""
+def write_changes_csv(path: Path, patches: Sequence[Patch], reference: Georeference) -> None:
+    """One line for each patch, with a heading that says the units; places as in the first map's files."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(_COLUMNS)
-    writer.writerows(_row(patch) for patch in patches)
+    writer.writerows(_row(patch, reference) for patch in patches)
     write_text(path, text.getvalue())
 
 
 def write_changes_geojson(path: Path, patches: Sequence[Patch], change: Change, labels: NDArray[np.int32]) -> None:
-    """The patches as polygons in the first map's frame, which is metres, not degrees; GIS programs open it."""
+    """The patches as polygons in the system of the first map's files, which is metres, not degrees; GIS programs open it."""
     from rasterio.features import shapes
     from rasterio.transform import Affine
 
-    to_map = Affine(change.cell, 0.0, change.origin[0], 0.0, change.cell, change.origin[1])
+    ((west, south, _),) = change.reference.placed(np.array([[*change.origin, 0.0]]))
+    side = change.cell * change.reference.scale
+    to_map = Affine(side, 0.0, west, 0.0, side, south)
     outlines: dict[int, list[object]] = {}
     for shape, value in shapes(labels, mask=labels > 0, transform=to_map, connectivity=8):
         outlines.setdefault(int(value), []).append(shape["coordinates"])
     features = [
         {
             "type": "Feature",
-            "properties": dict(zip(_COLUMNS, _row(patch), strict=True)),
+            "properties": dict(zip(_COLUMNS, _row(patch, change.reference), strict=True)),
             "geometry": {
                 "type": "MultiPolygon",
                 "coordinates": [ring for one in patch.label for ring in outlines.get(one, [])],
@@ -91,9 +96,9 @@ def write_changes_geojson(path: Path, patches: Sequence[Patch], change: Change, 
     write_text(path, json.dumps({"type": "FeatureCollection", "name": "changes", "features": features}) + "\n")
 
 
-def _row(patch: Patch) -> list[object]:
+def _row(patch: Patch, reference: Georeference) -> list[object]:
     """The table's values, to a tenth of a millimetre and a thousandth of a cubic centimetre."""
-    x, y = (round(value, 4) for value in patch.place)
+    ((x, y, _),) = reference.placed(np.array([[*patch.place, 0.0]])).round(4).tolist()
     move: list[object] = [None, None, None]
     if patch.move is not None and patch.moved is not None:
         move = [round(value, 4) for value in (patch.moved, *patch.move)]

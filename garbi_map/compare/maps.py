@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from garbi_map import __version__
 from garbi_map.errors import GarbiError
+from garbi_map.export.georeference import LOCAL_WKT, Georeference
 
 Floats = NDArray[np.float64]
 
@@ -28,7 +29,7 @@ class MapFolder:
     origin        (x, y) of the outer corner of cell (0, 0), m, in the map's frame
     elevation     float64, m
     uncertainty   float64, 1 sigma of the elevation, m
-    wkt           the frame
+    reference     how its files lie in their reference system, which only they are written in
     """
 
     path: Path
@@ -38,7 +39,7 @@ class MapFolder:
     cell: float
     elevation: Floats
     uncertainty: Floats
-    wkt: str
+    reference: Georeference
 
     @property
     def known(self) -> NDArray[np.bool_]:
@@ -76,7 +77,7 @@ class MapFolder:
         points = np.concatenate(parts) if parts else np.zeros((0, 3))
         if not len(points):
             raise GarbiError(f"{path}: holds no points; build the map again")
-        return points
+        return self.reference.unplaced(points)
 
 
 def open_map_folder(path: Path) -> MapFolder:
@@ -95,13 +96,13 @@ def open_map_folder(path: Path) -> MapFolder:
     made_by = str(report.get("versions", {}).get("garbi", "0"))
     if _numbers(made_by) > _numbers(__version__):
         raise GarbiError(f"{path}: made by garbi {made_by}, newer than this garbi {__version__}; update garbi")
-    origin, cell, bands, wkt = _read_raster(path / "seabed.tif")
+    origin, cell, bands, reference = _read_raster(path / "seabed.tif")
     elevation, uncertainty = bands
     if not np.isfinite(elevation).any():
         raise GarbiError(f"{path / 'seabed.tif'}: holds no measured cell; build the map again")
     return MapFolder(
         path, str(report.get("title", path.name)), str(report.get("created", "")), origin, cell, elevation,
-        uncertainty, wkt,
+        uncertainty, reference,
     )  # fmt: skip
 
 
@@ -115,7 +116,7 @@ def _report(path: Path) -> dict[str, Any]:
     return report
 
 
-def _read_raster(path: Path) -> tuple[tuple[float, float], float, tuple[Floats, Floats], str]:
+def _read_raster(path: Path) -> tuple[tuple[float, float], float, tuple[Floats, Floats], Georeference]:
     import rasterio
     from rasterio.errors import RasterioError
 
@@ -130,10 +131,12 @@ def _read_raster(path: Path) -> tuple[tuple[float, float], float, tuple[Floats, 
                 raise GarbiError(f"{path}: its cells are not square and north up; build the map again with garbi map")
             layers = [file.read(names.index(name) + 1, out_dtype="float64")[::-1] for name in _BANDS[:2]]
             south = north - file.height * cell
-            wkt = file.crs.to_wkt() if file.crs else ""
-    except (OSError, RasterioError) as error:
+            told = json.loads(file.tags().get("from_map", '{"shift": [0, 0, 0], "scale": 1}'))
+            reference = Georeference.from_dictionary(told, file.crs.to_wkt() if file.crs else LOCAL_WKT)
+    except (OSError, RasterioError, ValueError, KeyError, TypeError) as error:
         raise GarbiError(f"{path}: cannot be read as GeoTIFF: {' '.join(str(error).split())}") from error
-    return (west, south), cell, (layers[0], layers[1]), wkt
+    ((x, y, _),) = reference.unplaced(np.array([[west, south, 0.0]]))
+    return (float(x), float(y)), cell / reference.scale, (layers[0] - reference.shift[2], layers[1]), reference
 
 
 def _numbers(version: str) -> tuple[int, ...]:

@@ -64,7 +64,7 @@ def compare_maps(
         found = Comparison(maps[0], maps[1], motion, change, patches, labels)
         progress("files")
         write_change_tif(out / "change.tif", change, labels)
-        write_changes_csv(out / "changes.csv", patches)
+        write_changes_csv(out / "changes.csv", patches, change.reference)
         write_changes_geojson(out / "changes.geojson", patches, change, labels)
         record_change(out / "compare.rrd", found, about(found))
         write_report(out, found, settings)

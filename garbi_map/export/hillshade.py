@@ -19,11 +19,16 @@ _INK = (40, 33, 27)  # blue, green, red, as OpenCV wants it
 
 
 def write_hillshade(
-    path: Path, seabed: Seabed, settings: ExportSettings, title: str = "Seabed map", north: str = "y (north)"
+    path: Path, seabed: Seabed, settings: ExportSettings, title: str = "Seabed map", placed: bool = False
 ) -> None:
-    """Write a PNG, north (as it is to be called) up. Raises GarbiError where the file cannot be written."""
+    """Write a PNG, north up. Raises GarbiError where the file cannot be written."""
     with written_aside(path) as aside:
-        aside.write_bytes(png(hillshade(seabed, settings, title, north)))
+        aside.write_bytes(png(hillshade(seabed, settings, title, north_name(placed))))
+
+
+def north_name(placed: bool) -> str:
+    """What is up in a map that is placed on Earth, or is not."""
+    return "grid north" if placed else "y (north)"
 
 
 def png(picture: NDArray[np.uint8]) -> bytes:
@@ -33,7 +38,7 @@ def png(picture: NDArray[np.uint8]) -> bytes:
     return cv2.imencode(".png", picture)[1].tobytes()
 
 
-def hillshade(seabed: Seabed, settings: ExportSettings, title: str, north: str = "y (north)") -> NDArray[np.uint8]:
+def hillshade(seabed: Seabed, settings: ExportSettings, title: str, north: str) -> NDArray[np.uint8]:
     """The picture (rows, columns, 3), blue, green, red: map, scale bar, north arrow, depth legend and title."""
     elevation, _ = fill_holes(seabed.elevation, round(settings.widest_hole / seabed.cell))
     elevation, cell = fitted(elevation, seabed.cell, settings.hillshade_pixels)

@@ -50,7 +50,7 @@ def place_list(place: Place | None) -> str:
     lines = [escape(note) for note in place.notes]
     if place.origin is not None:
         (latitude, longitude), (east, north, _) = place.origin, place.shift
-        sigma = "not stated" if place.sigma_m is None else f"{length(place.sigma_m)} (1 sigma along each axis)"
+        sigma = f"{length(place.sigma_m)} (1 sigma along each axis)" if place.sigma_m else _UNSAID
         lines.insert(
             0,
             f"The map's origin is at {latitude:.7f}°, {longitude:.7f}°: easting {east:,.3f} m, northing {north:,.3f} m. "
@@ -75,6 +75,7 @@ def place_line(place: Place | None, found: Bathymetry | None) -> str:
     return escape(" · ".join(parts))
 
 
+_UNSAID = "nobody said (export: {origin_sigma: metres} in the configuration does)"
 _ALL = 0.95
 """Share of the cells that must keep what is allowed at 95 %."""
 
