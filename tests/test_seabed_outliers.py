@@ -117,7 +117,7 @@ def test_what_swims_by_is_kept_apart_and_the_floor_under_it_stays() -> None:
             return (np.abs(x - 0.1 - 0.1 * k) < 0.06) & (np.abs(y - 0.3) < 0.03)
 
         def scene(x: Floats, y: Floats) -> Floats:
-            return np.where(swimming(x, y), 0.25, plane(x, y))  # noqa: B023 - used before the next
+            return np.where(swimming(x, y), 0.25, plane(x, y))
 
         posed.append(scan(scene, k))
         sweep, poses = posed[-1]

@@ -82,11 +82,20 @@ def test_one_vertical_face_does_not_make_its_surroundings_uncertain() -> None:
 
 
 def test_the_order_of_the_sweeps_does_not_matter() -> None:
-    """Forwards, backwards and shuffled: the same map."""
+    """Forwards and backwards the same map; shuffled, too, where the errors of neighbours in time are no errors in common."""
     posed = [scan(dome, k, pose_sigma=0.001) for k in range(5)]
-    whole = built(posed)
-    same(whole, built(posed[::-1]))
-    same(whole, built([posed[k] for k in (2, 4, 0, 3, 1)]))
+    same(built(posed), built(posed[::-1]))
+    shuffled = [posed[k] for k in (2, 4, 0, 3, 1)]
+    same(built(posed, pose_memory=0.0), built(shuffled, pose_memory=0.0))
+
+
+def test_errors_that_follow_each_other_closely_do_not_average_out() -> None:
+    """Five sweeps in 12 s of one path: less sure together than five of five dives, surer than one."""
+    posed = [scan(plane, k, sigma=0.0001, pose_sigma=0.001, shift=np.zeros(3)) for k in range(5)]
+    together, apart = (float(np.nanmedian(built(posed, pose_memory=memory).uncertainty)) for memory in (1e6, 0.0))
+    assert together == pytest.approx(0.001, rel=0.1)
+    assert apart == pytest.approx(0.001 / np.sqrt(5), rel=0.25)
+    assert apart < float(np.nanmedian(built(posed, pose_memory=4.0).uncertainty)) < together
 
 
 def test_two_halves_merged_are_the_whole() -> None:

@@ -65,7 +65,7 @@ class SeabedBuilder:
             gradient,
         )
         chosen = verdict == Verdict.ACCEPTED
-        self.surface.add_sweep(placed, chosen, gradient, noise, pose, sweep.intensity)
+        self.surface.add_sweep(placed, chosen, gradient, noise, pose, sweep.intensity, float(sweep.stamp_ns[0] * 1e-9))
 
         def those(mask: NDArray[np.bool_]) -> tuple[NDArray, NDArray, NDArray, NDArray]:
             return sweep.point_stamp_ns[mask], placed[mask], sigma[mask], sweep.intensity[mask]

@@ -41,11 +41,13 @@ class SurfaceGrid:
         noise: NDArray[np.float64],
         pose: NDArray[np.float64],
         intensity: NDArray[np.float32],
+        seen: float = np.nan,
     ) -> None:
         """Take in the chosen (n,) points (n, 3) in `map` of one whole sweep.
 
         gradient (n, 2) is the slope of the surface at a point, along x and y; noise (n,) is the variance of its
-        elevation by errors of its own, m^2; pose (n,) the deviation by errors that it shares with the sweep, m.
+        elevation by errors of its own, m^2; pose (n,) the deviation by errors that it shares with the sweep, m; seen: when
+        the sweep began, s: what follows closely shares errors of its poses.
         """
         from garbi_map.seabed import kernels
 
@@ -76,6 +78,8 @@ class SurfaceGrid:
             slot_of,
             self._cells,
             self._entries,
+            seen,
+            self._settings.pose_memory,
         )
 
     def merge(self, other: SurfaceGrid) -> None:
@@ -88,7 +92,7 @@ class SurfaceGrid:
             )
         for index, tile in other.tiles.items():
             slot = self._slot(index)
-            kernels.merge_tile(self._cells[slot], tile, 1)
+            kernels.merge_tile(self._cells[slot], tile, 1, self._settings.pose_memory)
 
     def finish(self) -> Seabed:
         """The grid as dense rasters over all that was seen; a copy, so that the grid may go on growing.
@@ -109,7 +113,7 @@ class SurfaceGrid:
         bands = {name: np.zeros(span * part, CELL.fields[name][0]) for name in CELL.names or () if CELL.fields}
         for (a, b), tile in self.tiles.items():
             coarse = np.zeros((part, part), CELL)
-            kernels.merge_tile(coarse, tile, factor)
+            kernels.merge_tile(coarse, tile, factor, self._settings.pose_memory)
             at = (
                 slice((a - low[0]) * part, (a - low[0] + 1) * part),
                 slice((b - low[1]) * part, (b - low[1] + 1) * part),
