@@ -13,6 +13,7 @@ from garbi_map.errors import GarbiError
 from garbi_map.export.settings import ExportSettings
 from garbi_map.log.settings import LogSettings
 from garbi_map.navigate.settings import NavigateSettings
+from garbi_map.record.settings import RecordSettings
 from garbi_map.register.settings import RegisterSettings
 from garbi_map.seabed.settings import SeabedSettings
 from garbi_map.settings import Settings
@@ -34,6 +35,7 @@ class Config(Settings):
     view: ViewSettings = ViewSettings()
     calibrate: CalibrateSettings = CalibrateSettings()
     compare: CompareSettings = CompareSettings()
+    record: RecordSettings = RecordSettings()
 
     def to_yaml(self) -> str:
         """The whole configuration, defaults included."""
