@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from garbi_map.db.submaps import Pose, read_parquet, read_submap, write_parquet
-from garbi_map.keys import digest_of
+from garbi_map.keys import code_key, digest_of
 from garbi_map.seabed import SeabedSettings, SurfaceGrid
 from garbi_map.seabed.cells import CELL
 from garbi_map.seabed.surface import TILE, coarseness
@@ -19,7 +19,7 @@ Tiles = tuple[tuple[int, int, int], ...]
 
 def memory_name(submap: str, pose: Pose, settings: SeabedSettings) -> str:
     """A file name that changes with everything a submap's memory depends on."""
-    made_of = (pose.translation.tobytes(), pose.quaternion.tobytes(), f"{settings.cell} {settings.sigma_floor} {CELL}")
+    made_of = (pose.translation.tobytes(), pose.quaternion.tobytes(), settings.model_dump_json(), code_key())
     return f"{submap}-{digest_of(*made_of)}.parquet"
 
 

@@ -59,6 +59,7 @@ def observe_points(voxels, used, start, placed, verdict, profile, base, side):
             voxel.last = number
             voxel.profiles = 1
             voxel.passer = -1
+            voxel.piercer = -1
         elif voxel.last != number:
             voxel.profiles += 1
             voxel.first = min(voxel.first, number)
@@ -88,9 +89,9 @@ def rehash(old, new):
 
 
 @njit(cache=True, nogil=True)
-def surroundings(voxels, side, begin, surrounding, covariance):
+def surroundings(voxels, side, begin, surrounding, covariance, pierced):
     """Sum up the 3 x 3 x 3 voxels about each of the k voxels from slot `begin` on: all of `surrounding` but share, normal
-    and thickness, and the covariance (k, 3, 3) of its points, m^2."""
+    and thickness, the covariance (k, 3, 3) of its points, m^2, and how many profiles pierced them (k,)."""
     low = (1 << 21) - 1
     for slot in range(begin, begin + len(covariance)):
         if voxels[slot].key == -1:
@@ -115,6 +116,7 @@ def surroundings(voxels, side, begin, surrounding, covariance):
                     support += found.profiles
                     hit += 1
                     through += found.through
+                    pierced[slot - begin] += found.pierced
                     first = min(first, found.first)
                     last = max(last, found.last)
                     m[0] += found.x + n * ox

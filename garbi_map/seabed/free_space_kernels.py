@@ -42,22 +42,28 @@ def occupied_blocks(voxels, blocks):
 
 
 @njit(cache=True, nogil=True)
-def _pass(voxel, ix, iy, iz, eye, d, side, beam, far, number):
+def _pass(voxel, ix, iy, iz, eye, d, side, beam, thin_beam, far, number):
     """Count a profile whose ray, eye + t d with t < far, goes through the middle of the voxel's points."""
-    if voxel.passer == number:
+    if voxel.piercer == number:
         return
     n = voxel.count
     x = (ix + 0.5) * side + voxel.x / n - eye[0]
     y = (iy + 0.5) * side + voxel.y / n - eye[1]
     z = (iz + 0.5) * side + voxel.z / n - eye[2]
     t = x * d[0] + y * d[1] + z * d[2]
-    if t < far and x * x + y * y + z * z - t * t < beam * beam:
+    off = x * x + y * y + z * z - t * t
+    if not (t < far and off < beam * beam):
+        return
+    if voxel.passer != number:
         voxel.passer = number
         voxel.through += 1
+    if off < thin_beam * thin_beam:
+        voxel.piercer = number
+        voxel.pierced += 1
 
 
 @njit(cache=True, nogil=True)
-def _walk(voxels, eye, d, begin, end, far, side, beam, number):
+def _walk(voxels, eye, d, begin, end, far, side, beam, thin_beam, number):
     """All voxels from eye + begin d to eye + end d."""
     index = np.empty(3, np.int64)
     step = np.empty(3, np.int64)
@@ -76,7 +82,7 @@ def _walk(voxels, eye, d, begin, end, far, side, beam, number):
     while True:
         voxel = voxels[slot_of(voxels, key_of(index[0], index[1], index[2]))]
         if voxel.key != -1:
-            _pass(voxel, index[0], index[1], index[2], eye, d, side, beam, far, number)
+            _pass(voxel, index[0], index[1], index[2], eye, d, side, beam, thin_beam, far, number)
         k = (
             0
             if following[0] <= following[1] and following[0] <= following[2]
@@ -91,7 +97,7 @@ def _walk(voxels, eye, d, begin, end, far, side, beam, number):
 
 
 @njit(cache=True, nogil=True)
-def pass_rays(voxels, blocks, placed, verdict, profile, row, base, eyes, side, gap, beam, every):
+def pass_rays(voxels, blocks, placed, verdict, profile, row, base, eyes, side, gap, beam, thin_beam, every):
     """Let the rays of a sweep pass: of every point (n, 3) in `map` that counts, the rays from the eyes.
 
     eyes (e, profiles, 3): where camera and laser are at each profile; gap m before a point its ray ends; of the rows of a
@@ -137,7 +143,7 @@ def pass_rays(voxels, blocks, placed, verdict, profile, row, base, eyes, side, g
                 end = min(following[k], far)
                 block = key_of(index[0], index[1], index[2])
                 if blocks[_find(blocks, block)] == block:
-                    _walk(voxels, eye, d, begin + 1e-9, end, far, side, beam, base + profile[i])
+                    _walk(voxels, eye, d, begin + 1e-9, end, far, side, beam, thin_beam, base + profile[i])
                 begin = following[k]
                 index[k] += step[k]
                 following[k] += stride[k]

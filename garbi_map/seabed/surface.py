@@ -39,8 +39,9 @@ class SurfaceGrid:
 
     def add(self, points: JudgedPoints) -> None:
         """Take in the accepted points of one whole sweep."""
-        chosen = np.ones(len(points.points), np.bool_)
-        self.add_sweep(points.points, chosen, points.gradient, points.noise, points.pose, points.intensity)
+        if len(points.points):
+            chosen, begin = np.ones(len(points.points), np.bool_), float(points.stamp_ns[0] * 1e-9)
+            self.add_sweep(points.points, chosen, points.gradient, points.noise, points.pose, points.intensity, begin)
 
     def add_sweep(
         self,
@@ -50,11 +51,13 @@ class SurfaceGrid:
         noise: NDArray[np.float64],
         pose: NDArray[np.float64],
         intensity: NDArray[np.float32],
+        seen: float = np.nan,
     ) -> None:
         """Take in the chosen (n,) points (n, 3) in `map` of one whole sweep.
 
         gradient (n, 2) is the slope of the surface at a point, along x and y; noise (n,) is the variance of its
-        elevation by errors of its own, m^2; pose (n,) the deviation by errors that it shares with the sweep, m.
+        elevation by errors of its own, m^2; pose (n,) the deviation by errors that it shares with the sweep, m; seen: when
+        the sweep began, s: what follows closely shares errors of its poses.
         """
         from garbi_map.seabed import kernels
 
@@ -85,6 +88,8 @@ class SurfaceGrid:
             slot_of,
             self._cells,
             self._entries,
+            seen,
+            self._settings.pose_memory,
         )
 
     def put(self, index: tuple[int, int], cells: NDArray[np.void]) -> None:
@@ -102,7 +107,7 @@ class SurfaceGrid:
             )
         for index, tile in other.tiles.items():
             slot = self._slot(index)
-            kernels.merge_tile(self._cells[slot], tile, self._factor // other._factor)
+            kernels.merge_tile(self._cells[slot], tile, self._factor // other._factor, self._settings.pose_memory)
 
     def finish(self) -> Seabed:
         """The grid as dense rasters over all that was seen; a copy, so that the grid may go on growing.
@@ -121,7 +126,7 @@ class SurfaceGrid:
         bands = {name: np.zeros(span * part, CELL.fields[name][0]) for name in CELL.names or () if CELL.fields}
         for (a, b), tile in self.tiles.items():
             coarse = np.zeros((part, part), CELL)
-            kernels.merge_tile(coarse, tile, factor // self._factor)
+            kernels.merge_tile(coarse, tile, factor // self._factor, self._settings.pose_memory)
             at = (
                 slice((a - low[0]) * part, (a - low[0] + 1) * part),
                 slice((b - low[1]) * part, (b - low[1] + 1) * part),
