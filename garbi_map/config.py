@@ -9,6 +9,8 @@ import yaml
 from pydantic import ValidationError, model_validator
 
 from garbi_map.calibrate.settings import CalibrateSettings
+from garbi_map.compare.settings import CompareSettings
+from garbi_map.db.settings import DatabaseSettings
 from garbi_map.errors import GarbiError
 from garbi_map.export.settings import ExportSettings
 from garbi_map.log.settings import LogSettings
@@ -32,9 +34,11 @@ class Config(Settings):
     navigate: NavigateSettings = NavigateSettings()
     registration: RegisterSettings = RegisterSettings()
     seabed: SeabedSettings = SeabedSettings()
+    database: DatabaseSettings = DatabaseSettings()
     export: ExportSettings = ExportSettings()
     view: ViewSettings = ViewSettings()
     calibrate: CalibrateSettings = CalibrateSettings()
+    compare: CompareSettings = CompareSettings()
     record: RecordSettings = RecordSettings()
 
     @model_validator(mode="after")

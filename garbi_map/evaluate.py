@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from garbi_map.errors import GarbiError
+from garbi_map.export.cloud import read_cloud
 from garbi_map.log.records import Floats
 from garbi_map.navigate.trajectory import Trajectory
 
@@ -250,16 +251,6 @@ def read_tum(path: Path) -> Trajectory:
         raise GarbiError(f"{path}: not a trajectory: empty, not finite or not in the order of time")
     stamps, first = np.unique(stamps, return_index=True)
     return Trajectory(stamps, poses[first, :3], poses[first, 3:], np.zeros((len(stamps), 6, 6)))
-
-
-def read_cloud(path: Path) -> Floats:
-    """The points (n, 3) of a LAS or LAZ file, m. Raises GarbiError."""
-    import laspy
-
-    try:
-        return np.asarray(laspy.read(path).xyz, np.float64)
-    except (OSError, laspy.LaspyException, ValueError) as error:
-        raise GarbiError(f"{path}: cannot be read as LAZ: {' '.join(str(error).split())}") from error
 
 
 def _nanoseconds(text: str) -> int:

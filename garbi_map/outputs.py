@@ -12,16 +12,22 @@ import numpy as np
 
 from garbi_map import __version__
 from garbi_map.export import (
+    Located,
+    Place,
     Quantity,
     Report,
     Source,
     Topic,
+    also_copc,
+    bathymetry,
     correction,
     describe_seabed,
     plain_verdict,
     weak_places,
+    write_contours,
     write_glb,
     write_hillshade,
+    write_ply,
     write_report_html,
     write_report_json,
     write_seabed_tif,
@@ -59,13 +65,18 @@ ENTROPY_NOTE = f"half ln |2 pi e C|, C of the points within {100 * ENTROPY_RADIU
 OUTPUTS = {
     "trajectory.tum": "map <- base_link, at 50 Hz and at every profile",
     "cloud.laz": "accepted points with time, intensity and sigma",
+    "cloud.copc.laz": "the same file, by the name under which QGIS and PDAL know that they need not read all of it",
+    "moving.laz": "points that later or earlier profiles saw through: what moved or floated, not in the map",
     "seabed.tif": "elevation, uncertainty, density and standard deviation per cell",
+    "contours.gpkg": "depth contours",
     "seabed.glb": "the surface as a mesh",
+    "seabed.ply": "the same for CloudCompare and MeshLab, in double precision",
     "hillshade.png": "the surface from above",
     "map.rrd": "everything in Rerun: garbi view DIR",
     "report.json": "this report, for programs",
     "report.html": "this report",
     "config.yaml": "the configuration that was used, defaults included",
+    "db": "the map's database: the next dive into this folder makes the map grow",
 }
 
 
@@ -77,17 +88,21 @@ def write_outputs(out: Path, dive: Dive, store: SweepStore, built: Map, started:
     """Write everything but cloud.laz, which the fusion has written; report.json and report.html come last."""
     from garbi_map.view import record_map
 
+    settings, reference = dive.config.export, built.located.reference
     progress.stage("files", 6)
     begin = time.perf_counter()
-    write_trajectory(out / "trajectory.tum", built.registered.trajectory)
+    write_trajectory(out / "trajectory.tum", built.path)
     write_text(out / "config.yaml", dive.config.to_yaml())
     progress.advance()
-    write_seabed_tif(out / "seabed.tif", built.seabed)
+    also_copc(out / "cloud.laz")
+    write_seabed_tif(out / "seabed.tif", built.seabed, reference)
+    write_contours(out / "contours.gpkg", built.seabed, settings, reference)
     progress.advance()
-    mesh = triangulate(built.seabed, dive.config.export.max_triangles, dive.config.export.widest_hole)
-    write_glb(out / "seabed.glb", mesh)
+    mesh = triangulate(built.seabed, settings.max_triangles, settings.widest_hole)
+    write_glb(out / "seabed.glb", mesh, reference)
+    write_ply(out / "seabed.ply", mesh, reference)
     progress.advance()
-    write_hillshade(out / "hillshade.png", built.seabed, dive.config.export, title=dive.paths[0].stem)
+    write_hillshade(out / "hillshade.png", built.seabed, settings, dive.paths[0].stem, not reference.is_local)
     progress.advance()
     dive.timings["files"] = time.perf_counter() - begin
     begin = time.perf_counter()
@@ -98,13 +113,13 @@ def write_outputs(out: Path, dive: Dive, store: SweepStore, built: Map, started:
     report = make_report(dive, store, built)
     write_report_json(out / "report.json", report)
     navigation = built.navigated.trajectory
-    write_report_html(out / "report.html", report, built.seabed, built.registered, navigation, dive.config.export)
+    write_report_html(out / "report.html", report, built.seabed, built.registered, navigation, settings)
     progress.advance()
 
 
 def make_report(dive: Dive, store: SweepStore, built: Map) -> Report:
     """What was read, left out and reached."""
-    log = dive.log
+    log, settings = dive.log, dive.config.export
     entries = store.entries
     blank = sum(entry.blank for entry in entries)
     dark = [f"{many(blank, 'image')} without the laser: it was off, hidden or out of range"] if blank else []
@@ -120,24 +135,46 @@ def make_report(dive: Dive, store: SweepStore, built: Map) -> Report:
             topics=[Topic(name=name, type=topic.type, count=topic.count) for name, topic in log.topics.items()],
         ),
         verdict=plain_verdict(built.seabed, built.registered.agreement, len(left_out)),
-        weak=weak_places(built.seabed, built.registered.agreement, dive.config.export.widest_hole),
+        weak=weak_places(built.seabed, built.registered.agreement, settings.widest_hole),
         counts={
             "images": log.image_count,
             "profiles": sum(entry.profiles for entry in entries),
             "sweeps": len(entries),
             "points": sum(entry.points for entry in entries),
-            "accepted": built.builder.accepted,
+            "accepted": built.accepted,
             "loop closures": built.registered.loops,
         },
-        rejected=dict(built.builder.rejected),
+        rejected=built.rejected,
         left_out=left_out,
         residuals=_residuals(built),
         uncertainties=[*describe_seabed(built.seabed), *_pose_uncertainty(built)],
+        bathymetry=bathymetry(
+            built.seabed,
+            built.registered,
+            settings.widest_hole,
+            dive.navigation.pressure is not None,
+            built.located.sigma,
+            settings.surface_sigma,
+        ),
+        place=_place(built.located),
         timings_s={name: round(seconds, 3) for name, seconds in dive.timings.items()},
         timeline=timeline(dive, store),
         configuration=dive.config.model_dump(mode="json"),
         versions={"garbi": __version__, **{name: importlib.metadata.version(name) for name in _LIBRARIES}},
         outputs=OUTPUTS,
+    )
+
+
+def _place(located: Located) -> Place:
+    origin = located.origin
+    return Place(
+        crs=located.reference.wkt,
+        shift=located.reference.shift,
+        scale=located.reference.scale,
+        convergence_deg=float(np.degrees(located.convergence)),
+        origin=None if origin is None else (origin.latitude, origin.longitude),
+        sigma_m=located.sigma,
+        notes=located.notes,
     )
 
 

@@ -1,26 +1,28 @@
-"""From a recorded dive to a seabed map: the whole job, stage by stage."""
+"""From recorded dives to a seabed map that grows with each of them: the whole job, stage by stage."""
 
 from __future__ import annotations
 
 import shutil
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 from garbi_map.aside import alone_in, remove_leftovers
 from garbi_map.config import Config
-from garbi_map.dive import Dive, Map
+from garbi_map.db import Database, StoredDive, join_map, laid
+from garbi_map.dive import Dive, Map, Span, open_dive
 from garbi_map.errors import GarbiError
-from garbi_map.log import open_log
-from garbi_map.navigate import Trajectory, navigate
-from garbi_map.progress import Progress, Show, Silent, counted, unseen
-from garbi_map.register import Scanner, register
-from garbi_map.rig import load_rig, parse_rig
-from garbi_map.scan import ScanLosses, scan, scan_key
-from garbi_map.seabed import AcceptedPoints, Seabed, SeabedBuilder, build_seabed
-from garbi_map.sweep import Sweep
-from garbi_map.sweep.store import SweepStore
+from garbi_map.estimate import Estimate, estimate, estimate_apart, sweeps_of, timed, trajectory_file
+from garbi_map.executor import open_workers
+from garbi_map.export import CloudWriter, Georeference
+from garbi_map.outputs import write_outputs
+from garbi_map.place import check_place, place_on_earth
+from garbi_map.progress import Progress, Show, Silent, unseen
+from garbi_map.publish import is_published, published, roll_forward
+from garbi_map.recordings import split_recordings
+
+__all__ = ["build_map", "open_dive", "sweeps_of"]
 
 
 def build_map(
@@ -28,123 +30,129 @@ def build_map(
     out: Path,
     config: Config,
     rig_path: Path | None = None,
-    span: tuple[float | None, float | None] = (None, None),
+    span: Span = (None, None),
     workers: int = 2,
     progress: Progress | None = None,
     show: Show = unseen,
+    dask: str | None = None,
 ) -> list[str]:
-    """Build the seabed map of one or more logs into the folder `out`; returns what was left out, one line each.
+    """Build the seabed map of one or more dives into the folder `out`; returns what was left out, one line each.
 
-    span: first and last second to use, counted from the log's begin. Stopped and started again, it goes on after the last
-    finished stage that is worth keeping: the sweeps. `show` is given sweeps, path and points as they come.
+    Where there is a map already, the dives join it; one that it holds already, made in the same way, changes nothing.
+    Stopped and started again, it goes on after the last stage that was finished, and gives the same map to the byte.
+    Several dives are estimated by that many processes, or by the workers of the Dask scheduler at an address.
     Raises GarbiError where the input cannot give a map, and where another run is writing into `out`.
     """
-    from garbi_map.outputs import write_outputs
-
     progress = progress or Silent()
     started = time.perf_counter()
-    dive = open_dive(paths, config, rig_path, span)
-    for remark in dive.log.remarks:
+    rig_path = rig_path and rig_path.absolute()
+    recordings = split_recordings(paths, config.log, config.database.split_gap)
+    dives = [open_dive(recording, config, rig_path, span) for recording in recordings]
+    for remark in dict.fromkeys(remark for dive in dives for remark in dive.log.remarks):
         progress.note(remark)
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise GarbiError(f"{out}: cannot be made a folder: {error.strerror}") from error
-    with alone_in(out):
+    with (
+        alone_in(out),
+        Database(out.absolute() / "db") as database,
+        open_workers(workers if len(dives) > 1 else 1, dask) as crew,
+    ):
         remove_leftovers(out)
-        work = out / ".work"
+        roll_forward(database, out)
+        new = [dive for dive in dives if not database.holds(dive.recording, dive.key)]
+        if not new and is_published(database, out, config):
+            return left_out(database, dives)
+        check_rigs(database, new)
+        check_place(database, dives[0])
 
-        with timed(dive, "stripes and sweeps"):
-            store = sweeps_of(dive, work, workers, progress, show)
-        with timed(dive, "navigation"):
-            progress.stage("navigation")
-            navigated = navigate(dive.navigation, config.navigate, store.stamps())
-        with timed(dive, "registration"):
-            progress.stage("registration")
-            scanner = Scanner(dive.rig, dive.angle, dive.navigation.mount("rig"))
-            registered = register(
-                store, dive.navigation, navigated, config.registration, config.navigate, progress.note, scanner
+        work = out.absolute() / ".work"
+        if len(new) > 1 or dask is not None:
+            progress.stage("dives, each by itself", len(new))
+            same = (config, rig_path, span, database.folder, work)
+            crew.run(
+                estimate_apart, [([path.absolute() for path in dive.paths], *same) for dive in new], progress.advance
             )
-        show(registered.trajectory)
-        with timed(dive, "seabed"):
-            progress.stage("seabed", 2 * len(store))
-            seabed, builder = fuse(dive, store, registered.inside, out, progress, show)
-        write_outputs(out, dive, store, Map(navigated, registered, seabed, builder), started, progress)
+        for dive in new or dives[-1:]:
+            made = estimate(dive, database.folder, work, workers, progress, show)
+            if dive in new:
+                with timed(dive, "place in the map"):
+                    first = place_on_earth(database, dive, made).transform
+                    join_map(database, stored(dive, made), made.judged.submaps, config.database.place, first)
+        with timed(dive, "fusion"):
+            progress.stage("fusion")
+            database.fuse(config.seabed, crew)
+            database.remove_unnamed()
+            built = map_of(database, dive, made)
+        with published(database, out, config) as files:
+            write_clouds(database, files, config, built.located.reference)
+            write_outputs(files, dive, made.store, built, started, progress)
         shutil.rmtree(work, ignore_errors=True)
-    return dive.left_out
+        return left_out(database, dives)
 
 
-def open_dive(
-    paths: list[Path], config: Config, rig_path: Path | None, span: tuple[float | None, float | None] = (None, None)
-) -> Dive:
-    """The log, its rig and its navigation; a rig file that is given wins over the attached one."""
-    log = open_log(paths, config.log)
-    if rig_path is not None:
-        rig = load_rig(rig_path)
-    elif log.rig_text is not None:
-        rig = parse_rig(log.rig_text, f"{paths[0]}: attachment rig.yaml")
-    else:
-        raise GarbiError(f"{paths[0]}: the log carries no rig.yaml; give one with --rig rig.yaml")
-    if log.image_count == 0:
-        raise GarbiError(
-            f"{paths[0]}: no images on {config.log.topics.image}; name the topic in the configuration, log.topics.image"
-        )
-    begin_ns, end_ns = (None if t is None else log.begin_ns + round(t * 1e9) for t in span)
-    first, last = max(begin_ns or log.begin_ns, log.begin_ns), log.end_ns if end_ns is None else end_ns
-    if first >= min(last, log.end_ns):
-        length = (log.end_ns - log.begin_ns) * 1e-9
-        raise GarbiError(f"{paths[0]}: nothing between the asked seconds; the log lasts {length:.1f} s")
-    navigation = log.navigation(begin_ns, end_ns, joint=rig.laser.joint)
-    return Dive(paths, config, log, rig, navigation, (begin_ns, end_ns))
+def check_rigs(database: Database, new: list[Dive]) -> None:
+    """Raises GarbiError where a dive was made with another rig than those that it joins, unless that is allowed."""
+    replaced = {dive.recording for dive in new}
+    rigs = [known.rig for known in database.dives if known.recording not in replaced]
+    for dive in new:
+        rigs.append(dive.rig.to_yaml())
+        if rigs[0] != rigs[-1] and not dive.config.database.several_rigs:
+            raise GarbiError(
+                f"{dive.paths[0]}: the map in {database.folder.parent} is of dives with another rig.yaml; choose another "
+                "folder, or say database: {several_rigs: true} in the configuration"
+            )
 
 
-def sweeps_of(dive: Dive, work: Path, workers: int, progress: Progress, show: Show = unseen) -> SweepStore:
-    """The sweeps of the dive on disk: those of an interrupted run where nothing has changed since, else made now."""
-    folder = work / scan_key(dive.paths, dive.rig, dive.config, dive.span_ns)
-    store = SweepStore.open(folder)
-    if store is None:
-        shutil.rmtree(work, ignore_errors=True)
-        progress.stage("stripes and sweeps", dive.log.image_count)
-        losses = ScanLosses()
-        store = SweepStore(folder)
-        for sweep in scan(dive.log, dive.rig, dive.navigation, dive.config, dive.span_ns, workers, losses, progress):
-            store.add(sweep)
-            show(sweep)
-        store.finish([*dive.log.losses, *losses.lines()])
-    dive.losses += store.losses
-    if sum(entry.profiles for entry in store.entries) < 2:
-        shutil.rmtree(work, ignore_errors=True)
-        why = f" ({'; '.join(store.losses)})" if store.losses else ""
-        raise GarbiError(
-            f"{dive.paths[0]}: the laser is not seen in two images or more{why}; look at it with garbi stripe --overlay"
-        )
-    return store
+def left_out(database: Database, dives: list[Dive]) -> list[str]:
+    """What was in the logs and is not in the map, one line each."""
+    return [line for dive in dives for line in database.dive(dive.recording).left_out]
 
 
-def fuse(
-    dive: Dive, store: SweepStore, trajectory: Trajectory, out: Path, progress: Progress, show: Show = unseen
-) -> tuple[Seabed, SeabedBuilder]:
-    """The accepted points of all sweeps, into cloud.laz and the surface."""
-    from garbi_map.export import CloudWriter
-
-    mount = dive.navigation.mount("rig")
-
-    def posed() -> Iterator[tuple[Sweep, Trajectory]]:
-        for sweep in counted(store, progress):
-            yield sweep, trajectory.at(sweep.stamp_ns).mounted(mount)
-
-    with CloudWriter(out / "cloud.laz", dive.config.export.cloud_scale) as cloud:
-
-        def take(points: AcceptedPoints) -> None:
-            cloud.write(points)
-            show(points)
-
-        return build_seabed(posed, dive.config.seabed, mount, take)
+def stored(dive: Dive, made: Estimate) -> StoredDive:
+    """The dive as the catalogue knows it, before it has a place."""
+    stamps = made.registered.trajectory.stamp_ns
+    return StoredDive(
+        recording=dive.recording,
+        estimate=dive.key,
+        title=dive.title,
+        begin_ns=int(stamps[0]),
+        end_ns=int(stamps[-1]),
+        rig=dive.rig.to_yaml(),
+        configuration=dive.config.to_yaml(),
+        trajectory=trajectory_file(dive),
+        accepted=made.judged.accepted,
+        rejected=made.judged.rejected,
+        left_out=dive.left_out,
+    )
 
 
-@contextmanager
-def timed(dive: Dive, stage: str) -> Iterator[None]:
-    """Adds the seconds of a stage to the dive's timings."""
-    begin = time.perf_counter()
-    yield
-    dive.timings[stage] = time.perf_counter() - begin
+def map_of(database: Database, dive: Dive, made: Estimate) -> Map:
+    """The map of all dives, and this one's estimate as it lies in it."""
+    submaps = database.dive(dive.recording).submaps
+    rejected: Counter[str] = Counter()
+    for known in database.dives:
+        rejected.update(known.rejected)
+    return Map(
+        navigated=replace(made.navigated, trajectory=laid(made.navigated.trajectory, submaps)),
+        registered=replace(
+            made.registered,
+            trajectory=laid(made.registered.trajectory, submaps),
+            inside=laid(made.registered.inside, submaps),
+            agreement=made.registered.agreement.moved(submaps[0].transform),
+        ),
+        seabed=database.surface(dive.config.seabed).finish(),
+        path=database.trajectory(),
+        accepted=sum(known.accepted for known in database.dives),
+        rejected=dict(rejected),
+        located=place_on_earth(database, dive, made),
+    )
+
+
+def write_clouds(database: Database, files: Path, config: Config, reference: Georeference) -> None:
+    """The points of all dives: those of the seabed, and apart from them what moved."""
+    for name, parts in (("cloud.laz", database.points()), ("moving.laz", database.moving())):
+        with CloudWriter(files / name, config.export.cloud_scale, reference) as cloud:
+            for points in parts:
+                cloud.write(points)

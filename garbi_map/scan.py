@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 
-from garbi_map import __version__
 from garbi_map.config import Config
 from garbi_map.log import Image, Log, Navigation
 from garbi_map.progress import Progress
@@ -55,16 +52,3 @@ def scan(
 
     stripes: Iterator[Stripe] = detect_all(images(), detector, alpha_of, workers, losses.images)
     return make_sweeps(stripes, rig, angle, config.sweep, losses.sweeps)
-
-
-def scan_key(paths: list[Path], rig: Rig, config: Config, span_ns: tuple[int | None, int | None]) -> str:
-    """A name for the result of a scan that changes with anything it depends on."""
-    digest = hashlib.sha256()
-    for path in paths:
-        for file in sorted(path.iterdir()) if path.is_dir() else [path]:
-            state = file.stat()
-            digest.update(f"{file.resolve()} {state.st_size} {state.st_mtime_ns}".encode())
-    settings = (config.log, config.stripe, config.sweep)
-    digest.update("".join(part.model_dump_json() for part in settings).encode())
-    digest.update(f"{__version__} {rig.to_yaml()} {span_ns}".encode())
-    return digest.hexdigest()[:16]

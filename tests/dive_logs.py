@@ -62,6 +62,11 @@ def without(*topics: str) -> Change:
     return lambda topic, at, message: None if topic in topics else message
 
 
+def later_part(begin: float) -> Change:
+    """The log begins so many seconds later."""
+    return lambda topic, at, message: message if at >= begin or topic == "/tf_static" else None
+
+
 def stopped(after: float, *topics: str) -> Change:
     """Some topics stop after so many seconds."""
     return lambda topic, at, message: None if topic in topics and at > after else message

@@ -20,8 +20,11 @@ from garbi_map.export import (
     CloudWriter,
     ExportSettings,
     Georeference,
+    read_cloud,
+    write_contours,
     write_glb,
     write_hillshade,
+    write_ply,
     write_seabed_tif,
     write_text,
     write_trajectory,
@@ -82,22 +85,31 @@ def test_the_cloud_comes_back_within_its_scale(tmp_path: Path) -> None:
     cloud = laspy.read(tmp_path / "cloud.laz")
     assert str(cloud.header.version) == "1.4"
     assert cloud.point_format.id == 6
-    np.testing.assert_allclose(cloud.xyz, np.concatenate([p.points for p in parts]), atol=5.1e-6)
+    true = np.concatenate([p.points for p in parts])
+    order = np.argsort(cloud["sigma"])  # COPC orders by place
+    here = np.argsort(np.concatenate([p.sigma for p in parts]))
+    np.testing.assert_allclose(np.asarray(cloud.xyz)[order], true[here], atol=5.1e-6)
     np.testing.assert_allclose(cloud.header.mins, np.asarray(cloud.xyz).min(0), atol=1e-9)
-    np.testing.assert_allclose(cloud.gps_time, np.concatenate([p.stamp_ns for p in parts]) * 1e-9, atol=3e-7)
-    np.testing.assert_array_equal(cloud["sigma"], np.concatenate([p.sigma for p in parts]))
-    np.testing.assert_allclose(cloud.intensity / 256, np.concatenate([p.intensity for p in parts]), atol=0.01)
+    stamps, sigma, intensity = (
+        np.concatenate([getattr(p, name) for p in parts])[here] for name in ("stamp_ns", "sigma", "intensity")
+    )
+    np.testing.assert_allclose(cloud.gps_time[order], stamps * 1e-9, atol=3e-7)
+    np.testing.assert_array_equal(cloud["sigma"][order], sigma)
+    np.testing.assert_allclose(cloud.intensity[order] / 256, intensity, atol=0.01)
     assert "not georeferenced" in cloud.header.vlrs.get("WktCoordinateSystemVlr")[0].string
 
 
 def test_a_georeferenced_cloud_keeps_its_micrometres(tmp_path: Path) -> None:
     """At a northing of 4,650 km a float32 steps by half a metre; the file does not."""
-    own = Georeference(rasterio.crs.CRS.from_epsg(32631).to_wkt(), 512_345.25, 4_650_123.5, 0.0)
+    own = Georeference(rasterio.crs.CRS.from_epsg(32631).to_wkt(), (512_345.25, 4_650_123.5, 0.0))
     part = points()
     with CloudWriter(tmp_path / "cloud.laz", reference=own) as writer:
         writer.write(part)
-    read = np.asarray(laspy.read(tmp_path / "cloud.laz").xyz)
-    np.testing.assert_allclose(read - [512_345.25, 4_650_123.5, 0.0], part.points, atol=5.5e-6)
+    cloud = laspy.read(tmp_path / "cloud.laz")
+    read, order, here = np.asarray(cloud.xyz), np.argsort(cloud["sigma"]), np.argsort(part.sigma)
+    np.testing.assert_allclose(read[order] - [512_345.25, 4_650_123.5, 0.0], part.points[here], atol=5.5e-6)
+    back, true = read_cloud(tmp_path / "cloud.laz"), part.points[here]
+    np.testing.assert_allclose(back[order], true, atol=5.5e-6)
 
 
 def test_a_cloud_without_points_is_a_cloud(tmp_path: Path) -> None:
@@ -130,11 +142,12 @@ def test_the_raster_is_the_grid_north_up(tmp_path: Path, seabed: Seabed) -> None
 
 def test_a_georeferenced_raster_is_where_it_should_be(tmp_path: Path, seabed: Seabed) -> None:
     """UTM 31N, and a height datum."""
-    own = Georeference(rasterio.crs.CRS.from_epsg(32631).to_wkt(), 512_345.25, 4_650_123.5, -2.0)
+    own = Georeference(rasterio.crs.CRS.from_epsg(32631).to_wkt(), (512_345.25, 4_650_123.5, -2.0), 0.9996)
     write_seabed_tif(tmp_path / "seabed.tif", seabed, own)
     with rasterio.open(tmp_path / "seabed.tif") as file:
         assert file.crs.to_epsg() == 32631
-        (found, *_) = next(file.sample([(512_345.25 + 0.3, 4_650_123.5 + 0.3)]))
+        (found, *_) = next(file.sample([(512_345.25 + 0.3 * 0.9996, 4_650_123.5 + 0.3 * 0.9996)]))
+        assert file.transform.a == pytest.approx(0.005 * 0.9996, rel=1e-12)
         assert found == pytest.approx(0.15 - 2.0, abs=0.002)
 
 
@@ -230,6 +243,8 @@ def test_every_writer_that_fails_leaves_nothing(
         lambda: write_trajectory(tmp_path / "t.tum", trajectory),
         lambda: write_seabed_tif(tmp_path / "s.tif", seabed),
         lambda: write_glb(tmp_path / "s.glb", triangulate(seabed)),
+        lambda: write_ply(tmp_path / "s.ply", triangulate(seabed)),
+        lambda: write_contours(tmp_path / "c.gpkg", seabed, ExportSettings()),
         lambda: write_hillshade(tmp_path / "h.png", seabed, ExportSettings()),
         lambda: write_text(tmp_path / "r.json", "{}"),
     ):

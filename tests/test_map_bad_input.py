@@ -230,7 +230,7 @@ def test_damage_is_still_named_when_a_run_goes_on(
 
     rewrite(dive, bad, seconds=3.5, change=spoil)
     with monkeypatch.context() as patch:
-        patch.setattr("garbi_map.pipeline.navigate", None)
+        patch.setattr("garbi_map.estimate.navigate", None)
         assert garbi("map", bad, "-o", out).status == 1
     mapped(garbi("map", bad, "-o", out), out, "images: a damaged JPEG")
 

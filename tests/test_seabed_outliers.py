@@ -13,10 +13,12 @@ from garbi_map.seabed.builder import Posed
 
 
 def judged(posed: list[Posed]) -> list[AcceptedPoints]:
-    """Both passes."""
+    """All passes."""
     builder = SeabedBuilder(SeabedSettings())
     for every in posed:
         builder.observe(*every)
+    for every in posed:
+        builder.see_through(*every)
     return [builder.add(*every) for every in posed]
 
 
@@ -89,19 +91,47 @@ def test_a_thin_cable_in_the_water_stays(along: str) -> None:
 
 
 def test_vertical_faces_stay() -> None:
-    """Points all the way up a vertical wall of 20 cm."""
+    """Points all the way up a vertical wall at y = 0.52 m, which hides 5 cm of the floor behind it."""
     rng = np.random.default_rng(0)
-    posed = []
+    posed, faces = [], []
     for k in range(3):
         sweep, poses = scan(plane, k)
-        wall = (sweep.row >= 140) & (sweep.row < 180)
+        eye, turn = poses.position[0], poses.rotation[0]
+        ray = turn.apply(sweep.points)
+        behind = eye[1] + ray[:, 1]
+        wall = (behind > 0.52) & (behind < 0.575)
+        short = np.where(wall, (0.52 - eye[1] + 0.0005 * rng.standard_normal(len(ray))) / ray[:, 1], 1.0)
+        posed.append((replace(sweep, points=turn.inv().apply(ray * short[:, None])), poses))
+        faces.append(wall)
+    for points, wall in zip(judged(posed), faces, strict=True):
+        assert wall.sum() > 1000
+        assert points.mask[wall].mean() > 0.995
+
+
+def test_what_swims_by_is_kept_apart_and_the_floor_under_it_stays() -> None:
+    """A plate of 12 by 6 cm, 25 cm above the floor, elsewhere in each of five sweeps; many rows of many profiles."""
+    posed, fish = [], []
+    for k in range(5):
+
+        def swimming(x: Floats, y: Floats, k: int = k) -> Floats:
+            return (np.abs(x - 0.1 - 0.1 * k) < 0.06) & (np.abs(y - 0.3) < 0.03)
+
+        def scene(x: Floats, y: Floats) -> Floats:
+            return np.where(swimming(x, y), 0.25, plane(x, y))
+
+        posed.append(scan(scene, k))
+        sweep, poses = posed[-1]
         placed = poses.rotation[0].apply(sweep.points) + poses.position[0]
-        placed[wall, 1] = 0.3 + 0.0005 * rng.standard_normal(wall.sum())
-        placed[wall, 2] = 0.2 * placed[wall, 0] + (sweep.row[wall] - 140) * 0.005
-        points = poses.rotation[0].inv().apply(placed - poses.position[0])
-        posed.append((replace(sweep, points=points), poses))
-    for (sweep, _), points in zip(posed, judged(posed), strict=True):
-        assert points.mask[(sweep.row >= 140) & (sweep.row < 180)].mean() > 0.995
+        fish.append(placed[:, 2] > 0.2)
+    everything = judged(posed)
+    verdict = np.concatenate([points.verdict for points in everything])
+    swims = np.concatenate(fish)
+    assert swims.sum() > 1000
+    assert (verdict[swims] == Verdict.SEEN_THROUGH).mean() > 0.9
+    assert (verdict[~swims] == Verdict.ACCEPTED).mean() > 0.995
+    apart = np.concatenate([points.moving.points for points in everything if points.moving is not None])
+    assert len(apart) == (verdict == Verdict.SEEN_THROUGH).sum()
+    assert (apart[:, 2] > 0.2).mean() > 0.99
 
 
 def test_broken_points_are_left_out_and_counted() -> None:

@@ -82,11 +82,23 @@ def test_one_vertical_face_does_not_make_its_surroundings_uncertain() -> None:
 
 
 def test_the_order_of_the_sweeps_does_not_matter() -> None:
-    """Forwards, backwards and shuffled: the same map."""
+    """Forwards and backwards the same map; shuffled, too, where the errors of neighbours in time are no errors in common."""
     posed = [scan(dome, k, pose_sigma=0.001) for k in range(5)]
-    whole = built(posed)
-    same(whole, built(posed[::-1]))
-    same(whole, built([posed[k] for k in (2, 4, 0, 3, 1)]))
+    same(built(posed), built(posed[::-1]))
+    shuffled = [posed[k] for k in (2, 4, 0, 3, 1)]
+    same(built(posed, pose_memory=0.0), built(shuffled, pose_memory=0.0))
+
+
+def test_errors_that_follow_each_other_closely_do_not_average_out() -> None:
+    """Five sweeps in 12 s of one path: less sure together than five of five dives, surer than one."""
+    posed = [scan(plane, k, sigma=0.0001, pose_sigma=0.001, shift=np.zeros(3)) for k in range(5)]
+    one, none, some = (built(posed, pose_memory=memory) for memory in (1e6, 0.0, 4.0))
+    cells = one.sweeps >= 3
+    assert cells.sum() > 500
+    assert np.median(one.uncertainty[cells]) == pytest.approx(0.001, rel=0.1)
+    assert np.median((none.uncertainty * np.sqrt(none.sweeps))[cells]) == pytest.approx(0.001, rel=0.1)
+    assert (none.uncertainty < some.uncertainty)[cells].all()
+    assert (some.uncertainty < one.uncertainty)[cells].all()
 
 
 def test_two_halves_merged_are_the_whole() -> None:

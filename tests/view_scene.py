@@ -73,7 +73,8 @@ def make_scene(folder: Path) -> Scene:
         constants={},
     )
     mesh = triangulate(seabed, widest_hole=0.05)
-    return Scene(dive, store, Map(navigated, registered, seabed, builder), mesh, stripes, log)
+    built = Map(navigated, registered, seabed, registered.trajectory, builder.accepted, dict(builder.rejected))
+    return Scene(dive, store, built, mesh, stripes, log)
 
 
 def make_log(path: Path) -> Path:

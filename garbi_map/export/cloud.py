@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import json
+import os
+import shutil
+import tempfile
 from contextlib import ExitStack
+from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -10,17 +15,21 @@ from typing import Any, Self
 import numpy as np
 
 from garbi_map.aside import written_aside
+from garbi_map.errors import GarbiError
 from garbi_map.export.georeference import Georeference
-from garbi_map.seabed.types import AcceptedPoints
+from garbi_map.seabed.types import Points
 
 _INTENSITY_STEPS = 256  # 0..255 to the 16 bits of LAS
+OWN_RECORD = ("garbi", 1)
+"""User and number of the record (JSON) that tells how to come from the file's coordinates back to `map`."""
 
 
 class CloudWriter:
     """A context manager that writes points sweep by sweep into one LAZ 1.4 file, complete or absent.
 
-    Point format 6: gps_time (the stamp of the profile as in trajectory.tum and the log, s since 1970), intensity
-    (256 times the stripe's), extra dimension `sigma` (float32, m, 1 sigma). Memory is that of one sweep.
+    The file is a COPC as well: viewers that know COPC read what they show, all others read it as any LAZ. Point format 6:
+    gps_time (the stamp of the profile as in trajectory.tum and the log, s since 1970), intensity (256 times the stripe's),
+    extra dimension `sigma` (float32, m, 1 sigma). Points wait on disk, beside the file, until the last has come.
 
     Raises GarbiError where the file cannot be written.
     """
@@ -30,54 +39,82 @@ class CloudWriter:
         self._path = path
         self._scale = scale
         self._reference = reference or Georeference()
-        self._stack = ExitStack()
-        self._writer: Any = None
+        self._header: Any = None
 
     def __enter__(self) -> Self:
-        self._aside = self._stack.enter_context(written_aside(self._path))
-        self._writer = None
+        with ExitStack() as stack:
+            self._aside = stack.enter_context(written_aside(self._path))
+            self._spool = stack.enter_context(tempfile.TemporaryFile(dir=self._path.parent))
+            self._stack = stack.pop_all()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> bool | None:
-        if kind is None and self._writer is None:
-            self._open(np.zeros(3))
-        if self._writer is not None:
-            self._writer.close()
-        return self._stack.__exit__(kind, error, trace)
+        from garbi_map.export.copc import write_copc
 
-    def write(self, points: AcceptedPoints) -> None:
+        if error is not None:
+            return self._stack.__exit__(kind, error, trace)
+        with self._stack:
+            if self._header is None:
+                self._begin(np.zeros(3), 0)
+            self._spool.flush()
+            write_copc(self._aside, self._spool, self._header)
+        return None
+
+    def write(self, points: Points) -> None:
         """Append the points of a sweep."""
-        import laspy
-
         if len(points.points) == 0:
             return
         own = self._reference
-        shift = np.array([own.easting, own.northing, own.height])
-        if self._writer is None:
-            self._open(np.floor(points.points[0] + shift))
-        record = laspy.ScaleAwarePointRecord.zeros(len(points.points), header=self._header)
+        if self._header is None:
+            self._begin(np.floor(own.placed(points.points[:1])[0]), int(points.stamp_ns[0]))
+        record = np.zeros(len(points.points), self._header.point_format.dtype())
         # steps counted in float64 near zero: the offset takes the large part
-        steps = np.rint((points.points + (shift - self._header.offsets)) / self._scale).astype(np.int32)
-        record["X"], record["Y"], record["Z"] = steps.T
+        near = points.points * (own.scale, own.scale, 1.0) + (own.shift - self._header.offsets)
+        record["X"], record["Y"], record["Z"] = np.rint(near / self._scale).astype(np.int32).T
         record["gps_time"] = points.stamp_ns * 1e-9
         record["intensity"] = np.clip(points.intensity * _INTENSITY_STEPS, 0, 65535).astype(np.uint16)
         record["sigma"] = points.sigma
-        record["return_number"][:] = 1
-        record["number_of_returns"][:] = 1
-        self._writer.write_points(record)
-        self.count += len(points.points)
+        record["bit_fields"] = 1 | 1 << 4  # return 1 of 1
+        self._spool.write(record.data)
+        self.count += len(record)
 
-    def _open(self, offset: np.ndarray) -> None:
+    def _begin(self, offset: np.ndarray, stamp_ns: int) -> None:
         import laspy
 
         header = laspy.LasHeader(version="1.4", point_format=6)
         header.scales = np.full(3, self._scale)
         header.offsets = offset
         header.generating_software = "garbi"
+        header.creation_date = datetime.fromtimestamp(stamp_ns * 1e-9, UTC).date()  # the same points, the same bytes
         header.global_encoding.wkt = True
         header.add_extra_dim(laspy.ExtraBytesParams("sigma", "float32", description="m, 1 sigma along the ray"))
         header.vlrs.append(laspy.vlrs.known.WktCoordinateSystemVlr(self._reference.wkt))
+        own = json.dumps(self._reference.from_map()).encode()
+        header.vlrs.append(laspy.VLR(*OWN_RECORD, "file to map frame, JSON", own))
         self._header = header
-        self._writer = laspy.open(self._aside, mode="w", header=header)
+
+
+def also_copc(path: Path) -> None:
+    """Give cloud.laz the second name cloud.copc.laz, by which QGIS and PDAL know a COPC: a copy where links cannot be."""
+    with written_aside(path.with_suffix(".copc.laz")) as aside:
+        try:
+            os.link(path, aside)
+        except OSError:
+            shutil.copyfile(path, aside)
+
+
+def read_cloud(path: Path) -> np.ndarray:
+    """The points (n, 3) of a LAS or LAZ file, m, in `map` where the file says how it lies in it. Raises GarbiError."""
+    import laspy
+
+    try:
+        cloud = laspy.read(path)
+        points = np.asarray(cloud.xyz, np.float64)
+        user, number = OWN_RECORD
+        for record in cloud.header.vlrs.get_by_id(user, (number,)):
+            points = Georeference.from_dictionary(json.loads(record.record_data)).unplaced(points)
+    except (OSError, laspy.LaspyException, ValueError, KeyError, TypeError) as error:
+        raise GarbiError(f"{path}: cannot be read as LAZ: {' '.join(str(error).split())}") from error
+    return points

@@ -1,8 +1,14 @@
-"""Where on Earth `map` is."""
+"""From `map` to the coordinates that files are written in, and back."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
 
 LOCAL_WKT = (
     'LOCAL_CS["garbi map frame: local, origin at the first pose, not georeferenced",'
@@ -12,12 +18,41 @@ LOCAL_WKT = (
 
 @dataclass(frozen=True)
 class Georeference:
-    """A coordinate reference system (WKT), and what has to be added to `map` coordinates to be in it, m.
+    """The coordinate reference system of the files, and how `map` lies in it.
 
-    The default is an engineering frame that says that it is local.
+    easting = shift[0] + scale x, northing = shift[1] + scale y, height = shift[2] + z: the map's axes are the grid's, its
+    metres are those of the ground, and one of them is `scale` of the grid's.
+
+    wkt     of the compound system; the default is an engineering system that says that it is local
+    shift   (east, north, up) of the map's origin, m
+    scale   of the projection at the map's origin
     """
 
     wkt: str = LOCAL_WKT
-    easting: float = 0.0
-    northing: float = 0.0
-    height: float = 0.0
+    shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    scale: float = 1.0
+
+    @property
+    def is_local(self) -> bool:
+        """Whether nobody knows where on Earth the map is."""
+        return self.wkt == LOCAL_WKT
+
+    def placed(self, points: Floats) -> Floats:
+        """Coordinates (n, 3) of points (n, 3) in `map`."""
+        return points * (self.scale, self.scale, 1.0) + self.shift
+
+    def unplaced(self, coordinates: Floats) -> Floats:
+        """Points (n, 3) in `map` of coordinates (n, 3)."""
+        return (coordinates - self.shift) / (self.scale, self.scale, 1.0)
+
+    def from_map(self) -> dict[str, Any]:
+        """Scale and shift as a dictionary, for files that carry them; `from_dictionary` is the way back."""
+        entries = asdict(self)
+        del entries["wkt"]
+        return entries
+
+    @classmethod
+    def from_dictionary(cls, entries: dict[str, Any], wkt: str = LOCAL_WKT) -> Georeference:
+        """What `from_map` gave. Raises KeyError, TypeError or ValueError where it is something else."""
+        east, north, up = (float(value) for value in entries["shift"])
+        return cls(wkt, (east, north, up), float(entries["scale"]))

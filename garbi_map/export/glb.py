@@ -10,17 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from garbi_map.aside import written_aside
-from garbi_map.export.palette import depth_colours, height_range
+from garbi_map.export.georeference import Georeference
+from garbi_map.export.palette import mesh_colours
 from garbi_map.seabed.types import Mesh
 
 _ARRAY_BUFFER, _ELEMENT_ARRAY_BUFFER = 34962, 34963
 _UNSIGNED_BYTE, _UNSIGNED_INT, _FLOAT = 5121, 5125, 5126
 
 
-def write_glb(path: Path, mesh: Mesh) -> None:
+def write_glb(path: Path, mesh: Mesh, reference: Georeference | None = None) -> None:
     """Write the mesh coloured by depth; what was interpolated over holes is greyed.
 
-    glTF is y up: (x, y, z) of `map` becomes (x, z, -y), metres. Vertices are float32 about the node's translation.
+    glTF is y up: (x, y, z) of `map` becomes (x, z, -y), metres. Vertices are float32 about the node's translation. Viewers
+    compute in float32, so that the file stays in `map`; how that lies on Earth is in the asset's extras.
     Raises GarbiError where the file cannot be written.
     """
     y_up = mesh.vertices[:, [0, 2, 1]] * (1.0, 1.0, -1.0)
@@ -39,8 +41,11 @@ def write_glb(path: Path, mesh: Mesh) -> None:
         offset += array.nbytes
     accessors[0] |= {"min": position.min(0).tolist(), "max": position.max(0).tolist()}
     accessors[2]["normalized"] = True
+    extras = {"frame": "map: x, z, -y, metres"}
+    if reference is not None:
+        extras |= {"crs": reference.wkt, "coordinates": "shift + (scale x, scale y, z)", **reference.from_map()}
     document = {
-        "asset": {"version": "2.0", "generator": "garbi", "extras": {"frame": "map: x, z, -y, metres"}},
+        "asset": {"version": "2.0", "generator": "garbi", "extras": extras},
         "scene": 0,
         "scenes": [{"nodes": [0]}],
         "nodes": [{"name": "seabed", "mesh": 0, "translation": centre.tolist()}],
@@ -87,8 +92,6 @@ def _normals(position: NDArray[np.float32], triangles: NDArray[np.int32]) -> NDA
 
 def _colours(mesh: Mesh) -> NDArray[np.uint8]:
     """RGBA (v, 4): glTF wants vertex colours linear, not sRGB."""
-    height = mesh.vertices[:, 2]
-    srgb = depth_colours(height, *height_range(height)) / 255.0
-    srgb[mesh.filled] = 0.5 * srgb[mesh.filled] + 0.5 * srgb[mesh.filled].mean(1, keepdims=True)
+    srgb = mesh_colours(mesh)
     linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
     return np.hstack([(255 * linear).round(), np.full((len(linear), 1), 255)]).astype(np.uint8)

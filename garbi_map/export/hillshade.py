@@ -18,10 +18,17 @@ _VOID = (238, 240, 242)
 _INK = (40, 33, 27)  # blue, green, red, as OpenCV wants it
 
 
-def write_hillshade(path: Path, seabed: Seabed, settings: ExportSettings, title: str = "Seabed map") -> None:
+def write_hillshade(
+    path: Path, seabed: Seabed, settings: ExportSettings, title: str = "Seabed map", placed: bool = False
+) -> None:
     """Write a PNG, north up. Raises GarbiError where the file cannot be written."""
     with written_aside(path) as aside:
-        aside.write_bytes(png(hillshade(seabed, settings, title)))
+        aside.write_bytes(png(hillshade(seabed, settings, title, north_name(placed))))
+
+
+def north_name(placed: bool) -> str:
+    """What is up in a map that is placed on Earth, or is not."""
+    return "grid north" if placed else "y (north)"
 
 
 def png(picture: NDArray[np.uint8]) -> bytes:
@@ -31,7 +38,7 @@ def png(picture: NDArray[np.uint8]) -> bytes:
     return cv2.imencode(".png", picture)[1].tobytes()
 
 
-def hillshade(seabed: Seabed, settings: ExportSettings, title: str) -> NDArray[np.uint8]:
+def hillshade(seabed: Seabed, settings: ExportSettings, title: str, north: str) -> NDArray[np.uint8]:
     """The picture (rows, columns, 3), blue, green, red: map, scale bar, north arrow, depth legend and title."""
     elevation, _ = fill_holes(seabed.elevation, round(settings.widest_hole / seabed.cell))
     elevation, cell = fitted(elevation, seabed.cell, settings.hillshade_pixels)
@@ -39,14 +46,16 @@ def hillshade(seabed: Seabed, settings: ExportSettings, title: str) -> NDArray[n
     shade = relief(elevation, cell, settings.sun_azimuth, settings.sun_elevation, settings.exaggeration)
     colours = depth_colours(elevation, low, high)[..., ::-1] * shade[..., None]
     relief_map = np.where(np.isfinite(elevation)[..., None], np.clip(colours, 0, 255), _VOID).astype(np.uint8)[::-1]
-    return _framed(relief_map, cell, low, high, title, settings.widest_hole)
+    return _framed(relief_map, cell, low, high, title, north, settings.widest_hole)
 
 
-def fitted(band: NDArray[np.float32], cell: float, pixels: int) -> tuple[NDArray[np.float32], float]:
+def fitted(
+    band: NDArray[np.float32], cell: float, pixels: int, enlarge: bool = True
+) -> tuple[NDArray[np.float32], float]:
     """A raster enlarged or averaged by a whole factor to about `pixels` on its longer side; a pixel's side, m."""
     longest = max(band.shape)
     if longest <= pixels:
-        factor = max(1, pixels // longest)
+        factor = max(1, pixels // longest) if enlarge else 1
         return np.repeat(np.repeat(band, factor, 0), factor, 1), cell / factor
     factor = -(-longest // pixels)
     padded = np.pad(band, [(0, -side % factor) for side in band.shape], constant_values=np.nan)
@@ -61,13 +70,7 @@ def relief(
     elevation: NDArray[np.float32], cell: float, azimuth: float, sun: float, exaggeration: float
 ) -> NDArray[np.float32]:
     """Brightness about 1 of a surface (row 0 in the south) under a sun and a bright sky (Lambert's cosine)."""
-    import cv2
-
-    known = np.isfinite(elevation).astype(np.float32)
-    # holes take the mean about them, and noise finer than a pixel and a half is not relief
-    weight = cv2.GaussianBlur(known, (0, 0), 1.5)
-    smooth = cv2.GaussianBlur(np.where(known > 0, elevation, 0).astype(np.float32), (0, 0), 1.5)
-    smooth = np.divide(smooth, weight, out=np.full_like(smooth, np.nan), where=weight > 1e-3)
+    smooth = smoothed(elevation, rim=1e-3)
     north, east = np.gradient(exaggeration * np.where(np.isfinite(smooth), smooth, np.nanmean(smooth)), cell)
     a, s = np.radians(azimuth), np.radians(sun)
     lit = np.sin(s) - np.cos(s) * (east * np.sin(a) + north * np.cos(a))
@@ -75,8 +78,18 @@ def relief(
     return (0.35 + 0.65 * np.minimum(lit, 1.5)).astype(np.float32)
 
 
+def smoothed(elevation: NDArray[np.float32], rim: float = 0.5) -> NDArray[np.float32]:
+    """A surface without what is finer than a pixel and a half, which is noise; as far as the share `rim` is known."""
+    import cv2
+
+    known = np.isfinite(elevation).astype(np.float32)
+    weight = cv2.GaussianBlur(known, (0, 0), 1.5)
+    smooth = cv2.GaussianBlur(np.where(known > 0, elevation, 0).astype(np.float32), (0, 0), 1.5)
+    return np.divide(smooth, weight, out=np.full_like(smooth, np.nan), where=weight > rim)
+
+
 def _framed(
-    picture: NDArray[np.uint8], pixel: float, low: float, high: float, title: str, hole: float
+    picture: NDArray[np.uint8], pixel: float, low: float, high: float, title: str, north: str, hole: float
 ) -> NDArray[np.uint8]:
     """The map on paper, with what is needed to read it."""
     import cv2
@@ -95,12 +108,12 @@ def _framed(
 
     write(_shortened(title, round(1.6 * (width + legend) / size / 1.3)), left, margin + 0.5 * size, 600, 1.3)
     _scale_bar(page, left, top + height + 2 * size, picture.shape[1] * pixel, pixel, size, write)
-    note = f"map frame: x to the right, y up; grey was not seen, holes up to {metres(hole)} are interpolated"
+    note = f"grey was not seen, holes up to {metres(hole)} are interpolated"
     write(note, left, top + height + 4.4 * size, 400, 0.8)
     _legend(page, left + width + 2 * size, top + 4 * size, height - 5 * size, low, high, size, write)
     tip = (left + width + 2 * size + size // 2, top)
     cv2.arrowedLine(page, (tip[0], tip[1] + 2 * size), tip, _INK, max(2, size // 8), cv2.LINE_AA, 0, 0.35)
-    write("y (north)", tip[0] + size, tip[1] + 1.4 * size, 600, 0.9)
+    write(north, tip[0] + size, tip[1] + 1.4 * size, 600, 0.9)
     return page
 
 

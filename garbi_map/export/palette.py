@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from garbi_map.seabed.types import Mesh
+
 # deep to shallow, sRGB; lightness rises all the way, so that it also reads in grey
 _ANCHORS = np.array(
     [[22, 30, 82], [27, 74, 128], [30, 116, 148], [50, 156, 152], [112, 191, 146], [188, 219, 152], [250, 240, 190]],
@@ -24,3 +26,11 @@ def height_range(height: NDArray) -> tuple[float, float]:
     finite = height[np.isfinite(height)]
     low, high = np.percentile(finite, [0.5, 99.5])
     return float(low), float(max(high, low + 1e-3))
+
+
+def mesh_colours(mesh: Mesh) -> NDArray[np.float64]:
+    """sRGB (v, 3), 0 to 1, of a surface's vertices by their height; greyed where interpolated over a hole."""
+    height = mesh.vertices[:, 2]
+    colours = depth_colours(height, *height_range(height)) / 255.0
+    colours[mesh.filled] = 0.5 * colours[mesh.filled] + 0.5 * colours[mesh.filled].mean(1, keepdims=True)
+    return colours

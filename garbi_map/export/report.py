@@ -53,6 +53,68 @@ class Span(_Part):
     state: Literal["good", "lost", "absent"] = "good"
 
 
+class SurveyOrder(_Part):
+    """An order of IHO S-44 and whether the map reaches it; None where it cannot be told.
+
+    inside: how the map's parts lie to each other; earth: against the level of the water, and on Earth.
+    shares: of the cells whose vertical uncertainty (95 %) is allowed; coverage: how often everything is to be seen, and
+    the share of the outline that was
+    """
+
+    name: str
+    tvu_m: float
+    inside_share: float
+    earth_share: float | None
+    thu_m: float
+    inside_position: bool
+    earth_position: bool | None
+    feature_m: float | None
+    features: bool
+    coverage: int
+    covered_share: float | None
+    covered: bool
+
+
+class Bathymetry(_Part):
+    """The figures that IHO S-44 asks for, at 95 %, m, medians over the cells, and its orders from the mildest on.
+
+    depth_m         None where no pressure tells it
+    widest_gap_m    side of the largest square inside the outline without a point
+    covered_once, covered_twice, five_or_more   shares: of the outline, and of the cells (five points or more)
+    density         points per cell, median
+    """
+
+    depth_m: float | None
+    tvu_inside_m: float
+    tvu_earth_m: float | None
+    thu_inside_m: float
+    thu_earth_m: float | None
+    widest_gap_m: float
+    covered_once: float
+    covered_twice: float
+    density: float
+    five_or_more: float
+    orders: list[SurveyOrder]
+
+
+class Place(_Part):
+    """Where on Earth the map is.
+
+    crs            of the files, WKT; they hold shift + (scale x, scale y, z) of the map's x, y, z
+    origin         latitude and longitude of the map's origin, degrees; None where nobody knows
+    sigma_m        1 sigma of the origin along each axis; None where nobody said
+    notes          how this is known, what it leaves open
+    """
+
+    crs: str
+    shift: tuple[float, float, float]
+    scale: float
+    convergence_deg: float
+    origin: tuple[float, float] | None
+    sigma_m: float | None
+    notes: list[str]
+
+
 class Report(_Part):
     """Everything that report.json holds.
 
@@ -63,6 +125,8 @@ class Report(_Part):
     left_out       one line for everything that was in the log and is not in the map
     residuals      how well the parts agree: registration, navigation
     uncertainties  how sure the map is: `describe_seabed` and the trajectory
+    bathymetry     the same as hydrographic surveys tell it
+    place          where on Earth the map is
     timings_s      seconds of each stage, in order
     outputs        file name -> what it is
     """
@@ -77,6 +141,8 @@ class Report(_Part):
     left_out: list[str] = []
     residuals: list[Quantity] = []
     uncertainties: list[Quantity] = []
+    bathymetry: Bathymetry | None = None
+    place: Place | None = None
     timings_s: dict[str, float]
     timeline: list[Span] = []
     configuration: dict[str, Any]

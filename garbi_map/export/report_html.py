@@ -19,9 +19,10 @@ from garbi_map.aside import write_text
 from garbi_map.export import figures, maps
 from garbi_map.export.axes import WIDTH
 from garbi_map.export.drift import Correction, correction, draw_correction, draw_steps
-from garbi_map.export.hillshade import fitted, hillshade, png
+from garbi_map.export.hillshade import fitted, hillshade, north_name, png
 from garbi_map.export.report import Quantity, Report, checked
 from garbi_map.export.settings import ExportSettings
+from garbi_map.export.survey import place_line, place_list, survey_table
 from garbi_map.export.verdict import numbers
 from garbi_map.export.weak import holes_inside, outline, sweeps_about
 from garbi_map.navigate.trajectory import Trajectory
@@ -65,9 +66,12 @@ def write_report_html(
         folder=escape(quote(str(path.parent))),
         viewer=escape(own.versions.get("rerun-sdk", "")),
         left_out=_left_out(own.left_out),
-        hillshade=_hillshade(seabed, settings, own.title),
+        hillshade=_hillshade(seabed, settings, own),
         weak=_weak(own.weak),
         **_maps(seabed, settings),
+        survey=survey_table(own.bathymetry),
+        place=place_list(own.place),
+        where=place_line(own.place, own.bathymetry),
         **_drift(found, registered, own),
         **_agreement(registered.agreement, seabed),
         depth=_depth(seabed, registered.trajectory, own.source.begin_ns, settings.widest_hole),
@@ -119,9 +123,10 @@ def _weak(lines: list[str]) -> str:
     return _items(lines) if lines else "<p>Nowhere: it is evenly sure, seen more than once and without holes.</p>"
 
 
-def _hillshade(seabed: Seabed, settings: ExportSettings, title: str) -> str:
+def _hillshade(seabed: Seabed, settings: ExportSettings, report: Report) -> str:
     fewer = settings.model_copy(update={"hillshade_pixels": min(settings.hillshade_pixels, _HILLSHADE_PIXELS)})
-    data = b64encode(png(hillshade(seabed, fewer, title))).decode()
+    placed = report.place is not None and report.place.origin is not None
+    data = b64encode(png(hillshade(seabed, fewer, report.title, north_name(placed)))).decode()
     return f'<img alt="Relief, shaded, coloured by depth" src="data:image/png;base64,{data}">'
 
 

@@ -66,3 +66,14 @@ class Trajectory:
             (rotation * Rotation.from_quat(mount.quaternion)).as_quat(),
             self.covariance,
         )
+
+    def moved(self, transform: Floats) -> Trajectory:
+        """The poses in another frame, which a transform (4, 4) of this one gives."""
+        turn = transform[:3, :3]
+        both = np.kron(np.eye(2), turn).astype(self.covariance.dtype)
+        return Trajectory(
+            self.stamp_ns,
+            self.position @ turn.T + transform[:3, 3],
+            (Rotation.from_matrix(turn) * self.rotation).as_quat(),
+            both @ self.covariance @ both.T,
+        )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +49,11 @@ class Agreement:
         if not len(self.after):
             return float("nan"), float("nan")
         return float(np.median(self.before)), float(np.median(self.after))
+
+    def moved(self, transform: Floats) -> Agreement:
+        """The same with places in another frame, which a transform (4, 4) turns about the vertical, nearly, and shifts."""
+        place = self.place @ transform[:2, :2].T + transform[:2, 3]
+        return replace(self, place=place.astype(np.float32))
 
 
 def compare_placements(

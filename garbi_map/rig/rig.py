@@ -112,6 +112,11 @@ class Rig:
         rays = np.concatenate([origin, direction / direction[:, 2:]], axis=1)
         return columns, np.ascontiguousarray(rays.reshape(height, len(columns), 6).transpose(0, 2, 1))
 
+    @property
+    def eyes(self) -> Floats:
+        """(2, 3) m, rig frame: where the view and the light come from, the camera and the laser's apex."""
+        return np.stack([self.camera.centre, self.laser.apex])
+
     def to_yaml(self) -> str:
         """The rig file, unknown keys included."""
         from garbi_map.rig.io import dump_rig

@@ -5,12 +5,14 @@ from garbi_map.seabed.holes import fill_holes
 from garbi_map.seabed.mesh import triangulate
 from garbi_map.seabed.settings import OutlierSettings, SeabedSettings
 from garbi_map.seabed.surface import SurfaceGrid
-from garbi_map.seabed.types import AcceptedPoints, Mesh, Seabed, Verdict
+from garbi_map.seabed.types import AcceptedPoints, JudgedPoints, Mesh, Points, Seabed, Verdict
 
 __all__ = [
     "AcceptedPoints",
+    "JudgedPoints",
     "Mesh",
     "OutlierSettings",
+    "Points",
     "Seabed",
     "SeabedBuilder",
     "SeabedSettings",

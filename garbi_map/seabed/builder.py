@@ -1,4 +1,4 @@
-"""From sweeps and their poses to the seabed: twice over the sweeps, first to see, then to judge and fuse."""
+"""From sweeps and their poses to the seabed: to see, to see through, then to judge and fuse."""
 
 from __future__ import annotations
 
@@ -14,21 +14,25 @@ from garbi_map.navigate.trajectory import Trajectory
 from garbi_map.seabed.evidence import Evidence
 from garbi_map.seabed.settings import SeabedSettings
 from garbi_map.seabed.surface import SurfaceGrid
-from garbi_map.seabed.types import AcceptedPoints, Seabed, Verdict
+from garbi_map.seabed.types import AcceptedPoints, JudgedPoints, Points, Seabed, Verdict
 from garbi_map.sweep.types import Sweep
 
 Posed = tuple[Sweep, Trajectory]
 
 
 class SeabedBuilder:
-    """Pass 1: `observe` every sweep. Pass 2: `add` every sweep, in any order. Then `finish`.
+    """`observe` every sweep, `see_through` every sweep, `add` every sweep, each in any order. Then `finish`.
 
     The poses are those of the rig frame (map <- rig) at the sweep's profiles, with the covariance of base_link as
-    `Trajectory.mounted` leaves it; `mount` (base_link <- rig) tells how far from base_link the points are.
+    `Trajectory.mounted` leaves it; `mount` (base_link <- rig) tells how far from base_link the points are; eyes
+    (e, 3) m, rig frame: where camera and laser are, for what moves is seen through from both.
     """
 
-    def __init__(self, settings: SeabedSettings, mount: Mount | None = None) -> None:
+    def __init__(
+        self, settings: SeabedSettings, mount: Mount | None = None, eyes: NDArray[np.float64] | None = None
+    ) -> None:
         mount = mount or Mount()
+        self._eyes = np.zeros((1, 3)) if eyes is None else eyes
         self.surface = SurfaceGrid(settings)
         self.rejected: Counter[str] = Counter()
         self.accepted = 0
@@ -40,8 +44,13 @@ class SeabedBuilder:
         placed = _place(sweep, poses)
         self._evidence.observe(placed, sweep.sigma, sweep.profile, len(sweep.stamp_ns))
 
-    def add(self, sweep: Sweep, poses: Trajectory) -> AcceptedPoints:
-        """Judge the points of a sweep by all that was observed, and fuse the accepted ones into the surface."""
+    def see_through(self, sweep: Sweep, poses: Trajectory) -> None:
+        """Note what was seen on the way of the light and of the view, which was not there at that moment."""
+        eyes = np.stack([poses.position + poses.rotation.apply(eye) for eye in self._eyes])
+        self._evidence.pass_through(_place(sweep, poses), sweep.sigma, sweep.profile, sweep.row, eyes)
+
+    def judge(self, sweep: Sweep, poses: Trajectory) -> JudgedPoints:
+        """The points of a sweep that are seabed by all that was observed, not yet fused."""
         from garbi_map.seabed import kernels
 
         placed = _place(sweep, poses)
@@ -56,12 +65,26 @@ class SeabedBuilder:
             gradient,
         )
         chosen = verdict == Verdict.ACCEPTED
-        self.surface.add_sweep(placed, chosen, gradient, noise, pose, sweep.intensity)
-        points = AcceptedPoints(
-            sweep.point_stamp_ns[chosen], placed[chosen], sigma[chosen], sweep.intensity[chosen], verdict
+
+        def those(mask: NDArray[np.bool_]) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+            return sweep.point_stamp_ns[mask], placed[mask], sigma[mask], sweep.intensity[mask]
+
+        points = JudgedPoints(
+            *those(chosen),
+            verdict,
+            Points(*those(verdict == Verdict.SEEN_THROUGH)),
+            gradient=gradient[chosen],
+            noise=noise[chosen],
+            pose=pose[chosen],
         )
         self.accepted += len(points.points)
         self.rejected.update(points.rejected)
+        return points
+
+    def add(self, sweep: Sweep, poses: Trajectory) -> JudgedPoints:
+        """Judge the points of a sweep by all that was observed, and fuse the accepted ones into the surface."""
+        points = self.judge(sweep, poses)
+        self.surface.add(points)
         return points
 
     def finish(self) -> Seabed:
@@ -74,11 +97,14 @@ def build_seabed(
     settings: SeabedSettings,
     mount: Mount | None = None,
     take: Callable[[AcceptedPoints], None] = lambda points: None,
+    eyes: NDArray[np.float64] | None = None,
 ) -> tuple[Seabed, SeabedBuilder]:
-    """Both passes over sweeps that can be read twice; `take` is given the accepted points sweep by sweep."""
-    builder = SeabedBuilder(settings, mount)
+    """All passes over sweeps that can be read again; `take` is given the accepted points sweep by sweep."""
+    builder = SeabedBuilder(settings, mount, eyes)
     for sweep, poses in sweeps():
         builder.observe(sweep, poses)
+    for sweep, poses in sweeps():
+        builder.see_through(sweep, poses)
     for sweep, poses in sweeps():
         take(builder.add(sweep, poses))
     return builder.finish(), builder

@@ -3,7 +3,8 @@
 import numpy as np
 
 # Of the points of a cell, each carried along the slope of the surface to the cell's centre, with its elevation z_i, the
-# variances of z_i by its own noise n_i and by its pose p_i, and w_i = 1 / (n_i + p_i). Index s: of one sweep.
+# variances of z_i by its own noise n_i and by its pose p_i, and w_i = 1 / (n_i + p_i). Index s: of one sweep;
+# r_st: correlation of the path's errors at two sweeps.
 CELL = np.dtype(
     [
         ("count", np.int32),  # points
@@ -11,7 +12,11 @@ CELL = np.dtype(
         ("weight", np.float64),  # W = sum w_i, 1/m^2
         ("z", np.float64),  # sum w_i z_i / W, m
         ("noise", np.float64),  # sum w_i^2 n_i: noise / W^2 is the variance of z by what every point errs for itself
-        ("pose", np.float64),  # sum_s (sum w_i sqrt p_i)^2: pose / W^2 is the variance of z by what a sweep errs as one
+        ("pose", np.float64),  # sum_st P_s P_t r_st with P = sum w_i sqrt p_i: pose / W^2 is the variance of z by poses
+        ("leading", np.float64),  # sum_s P_s r_fs: what all sweeps share with the first
+        ("lasting", np.float64),  # sum_s P_s r_sl: and with the last
+        ("first", np.float64),  # s, when the first sweep began
+        ("last", np.float64),  # s, and the last
         ("within", np.float64),  # sum_s sum w_i (z_i - z_s)^2
         ("within_expected", np.float64),  # what that is on average if the noise is what it claims
         ("between", np.float64),  # sum_s W_s (z_s - z)^2
@@ -30,6 +35,10 @@ VOXEL = np.dtype(
         ("profiles", np.int32),  # profiles that hit it
         ("first", np.int32),  # lowest and highest number of a profile that hit it
         ("last", np.int32),
+        ("through", np.int32),  # profiles whose light or view passed near the middle of its points and went on
+        ("pierced", np.int32),  # those that passed so near that even a thin cable would have been hit
+        ("passer", np.int32),  # the last of either
+        ("piercer", np.int32),
         ("x", np.float32),  # sums of offsets, m, and of their products, m^2
         ("y", np.float32),
         ("z", np.float32),
@@ -49,6 +58,7 @@ SURROUNDING = np.dtype(
         ("count", np.int32),  # points
         ("support", np.int32),  # profiles, summed over the voxels
         ("voxels", np.int32),  # voxels that were hit
+        ("through", np.float32),  # profiles that would have hit it and went on, summed over the voxels
         ("several", np.bool_),  # more than one profile hit it
         ("share", np.float32),  # of the support that the best place of its column has
         ("x", np.float32),  # centroid, m from the voxel's centre

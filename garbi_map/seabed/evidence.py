@@ -25,6 +25,8 @@ class Evidence:
         self._voxels = _table(1 << 16)
         self._used = 0
         self._profiles = 0
+        self._passed = 0
+        self._blocks: NDArray[np.int64] | None = None
         self._surrounding: NDArray[np.void] | None = None
 
     def observe(
@@ -45,6 +47,31 @@ class Evidence:
             kernels.rehash(self._voxels, larger)
             self._voxels = larger
         self._profiles += profiles
+        self._surrounding = self._blocks = None
+
+    def pass_through(
+        self,
+        placed: NDArray[np.float64],
+        sigma: NDArray[np.float32],
+        profile: NDArray[np.int32],
+        row: NDArray[np.int32],
+        eyes: NDArray[np.float64],
+    ) -> None:
+        """Let the light and the view of one sweep pass: what is on their way to the points (n, 3) was not there then.
+
+        eyes (e, profiles, 3): where camera and laser were, in `map`. Once for every sweep, after all were observed.
+        """
+        from garbi_map.seabed import free_space_kernels as kernels
+
+        if self._blocks is None:
+            self._blocks = _occupied(self._voxels)
+        own = self._settings
+        verdict = self._first_verdicts(placed, sigma)
+        kernels.pass_rays(
+            self._voxels, self._blocks, placed, verdict, profile, row, self._passed, eyes,
+            own.voxel, own.gap, own.beam, own.thin_beam, own.every,
+        )  # fmt: skip
+        self._passed += eyes.shape[1]
         self._surrounding = None
 
     def judge(
@@ -62,7 +89,7 @@ class Evidence:
         from garbi_map.seabed import evidence_kernels as kernels
 
         if self._surrounding is None:
-            self._surrounding = _surroundings(self._voxels, self._settings.voxel)
+            self._surrounding = _surroundings(self._voxels, self._settings)
         verdict = self._first_verdicts(placed, sigma)
         gradient = np.zeros((len(placed), 2))
         own = self._settings
@@ -76,6 +103,8 @@ class Evidence:
             own.min_points,
             own.min_run,
             own.min_share,
+            own.max_through,
+            own.every,
             own.gate,
             verdict,
             gradient,
@@ -95,20 +124,36 @@ def _table(length: int) -> NDArray[np.void]:
     return table
 
 
-def _surroundings(voxels: NDArray[np.void], side: float) -> NDArray[np.void]:
+def _occupied(voxels: NDArray[np.void]) -> NDArray[np.int64]:
+    """The table of blocks that hold a voxel."""
+    from garbi_map.seabed import free_space_kernels as kernels
+
+    length = 1 << 10
+    while True:
+        blocks = np.full(length, -1, np.int64)
+        if kernels.occupied_blocks(voxels, blocks) >= 0:
+            return blocks
+        length *= 2
+
+
+def _surroundings(voxels: NDArray[np.void], settings: OutlierSettings) -> NDArray[np.void]:
     """SURROUNDING of every voxel, in the order of the table."""
     from garbi_map.seabed import evidence_kernels as kernels
 
     surrounding = np.zeros(len(voxels), SURROUNDING)
     for begin in range(0, len(voxels), _AT_ONCE):
         covariance = np.zeros((min(_AT_ONCE, len(voxels) - begin), 3, 3))
-        kernels.surroundings(voxels, side, begin, surrounding, covariance)
+        pierced = np.zeros(len(covariance), np.int32)
+        kernels.surroundings(voxels, settings.voxel, begin, surrounding, covariance, pierced)
         here = np.flatnonzero(voxels["key"][begin : begin + _AT_ONCE] != -1)
         value, vector = np.linalg.eigh(covariance[here])
         normal = vector[:, :, 0] * np.where(vector[:, 2:, 0] < 0, -1.0, 1.0)
         for k, axis in enumerate("xyz"):
             surrounding[f"normal_{axis}"][begin + here] = normal[:, k]
         surrounding["thickness"][begin + here] = np.maximum(value[:, 0], 0.0)
+        # what passes beside a thin cable proves nothing; what would have hit it is seldom, the more so the thinner
+        thin = here[value[:, 1] < settings.beam**2]
+        surrounding["through"][begin + thin] = pierced[thin] * (settings.beam / settings.thin_beam)
     full = np.flatnonzero(voxels["key"] != -1)
     # fewer points than a plane needs with some to spare do not say how thick the surface is
     surrounding["thickness"][surrounding["count"] < 10] = np.inf

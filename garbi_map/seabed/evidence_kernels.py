@@ -16,7 +16,7 @@ OFF_SURFACE = int(Verdict.OFF_SURFACE)
 
 
 @njit(cache=True, nogil=True)
-def _slot(voxels, key):
+def slot_of(voxels, key):
     """Slot of a key in an open-addressed table, of a power of two slots: its own, or the free one to put it in."""
     mask = len(voxels) - 1
     mixed = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
@@ -27,7 +27,7 @@ def _slot(voxels, key):
 
 
 @njit(cache=True, nogil=True)
-def _key(ix, iy, iz):
+def key_of(ix, iy, iz):
     return ((ix + HALF) << 42) | ((iy + HALF) << 21) | (iz + HALF)
 
 
@@ -45,9 +45,9 @@ def observe_points(voxels, used, start, placed, verdict, profile, base, side):
         ix = int(np.floor(placed[i, 0] / side))
         iy = int(np.floor(placed[i, 1] / side))
         iz = int(np.floor(placed[i, 2] / side))
-        key = _key(ix, iy, iz)
+        key = key_of(ix, iy, iz)
         if key != before:  # neighbouring points mostly share a voxel
-            before, slot = key, _slot(voxels, key)
+            before, slot = key, slot_of(voxels, key)
         voxel = voxels[slot]
         number = base + profile[i]
         if voxel.key == -1:
@@ -58,6 +58,8 @@ def observe_points(voxels, used, start, placed, verdict, profile, base, side):
             voxel.first = number
             voxel.last = number
             voxel.profiles = 1
+            voxel.passer = -1
+            voxel.piercer = -1
         elif voxel.last != number:
             voxel.profiles += 1
             voxel.first = min(voxel.first, number)
@@ -83,13 +85,13 @@ def rehash(old, new):
     """Move the voxels of a table into a larger, free one."""
     for i in range(len(old)):
         if old[i].key != -1:
-            new[_slot(new, old[i].key)] = old[i]
+            new[slot_of(new, old[i].key)] = old[i]
 
 
 @njit(cache=True, nogil=True)
-def surroundings(voxels, side, begin, surrounding, covariance):
+def surroundings(voxels, side, begin, surrounding, covariance, pierced):
     """Sum up the 3 x 3 x 3 voxels about each of the k voxels from slot `begin` on: all of `surrounding` but share, normal
-    and thickness, and the covariance (k, 3, 3) of its points, m^2."""
+    and thickness, the covariance (k, 3, 3) of its points, m^2, and how many profiles pierced them (k,)."""
     low = (1 << 21) - 1
     for slot in range(begin, begin + len(covariance)):
         if voxels[slot].key == -1:
@@ -99,12 +101,13 @@ def surroundings(voxels, side, begin, surrounding, covariance):
         count = 0
         support = 0
         hit = 0
+        through = 0
         first, last = voxels[slot].first, voxels[slot].last
         m = np.zeros(9)
         for dx in range(-1, 2):
             for dy in range(-1, 2):
                 for dz in range(-1, 2):
-                    found = voxels[_slot(voxels, ((ix + dx) << 42) | ((iy + dy) << 21) | (iz + dz))]
+                    found = voxels[slot_of(voxels, ((ix + dx) << 42) | ((iy + dy) << 21) | (iz + dz))]
                     if found.key == -1:
                         continue
                     n = found.count
@@ -112,6 +115,8 @@ def surroundings(voxels, side, begin, surrounding, covariance):
                     count += n
                     support += found.profiles
                     hit += 1
+                    through += found.through
+                    pierced[slot - begin] += found.pierced
                     first = min(first, found.first)
                     last = max(last, found.last)
                     m[0] += found.x + n * ox
@@ -128,6 +133,7 @@ def surroundings(voxels, side, begin, surrounding, covariance):
         about.count = count
         about.support = support
         about.voxels = hit
+        about.through = through
         about.several = first != last
         about.x = m[0]
         about.y = m[1]
@@ -179,7 +185,20 @@ def run_lengths(points, profile, row):
 
 @njit(cache=True, nogil=True)
 def judge_points(
-    voxels, surrounding, placed, sigma, run, side, min_points, min_run, min_share, gate, verdict, gradient
+    voxels,
+    surrounding,
+    placed,
+    sigma,
+    run,
+    side,
+    min_points,
+    min_run,
+    min_share,
+    max_through,
+    every,
+    gate,
+    verdict,
+    gradient,
 ):
     """Change the verdict (n,) of accepted points that do not belong; write the surface's slope (n, 2) at the others."""
     before, slot = -1, 0
@@ -189,15 +208,16 @@ def judge_points(
         ix = int(np.floor(placed[i, 0] / side))
         iy = int(np.floor(placed[i, 1] / side))
         iz = int(np.floor(placed[i, 2] / side))
-        key = _key(ix, iy, iz)
+        key = key_of(ix, iy, iz)
         if key != before:
-            before, slot = key, _slot(voxels, key)
+            before, slot = key, slot_of(voxels, key)
         voxel, about = voxels[slot], surrounding[slot]
         shared = about.several and about.count >= min_points and about.support >= 4
         if voxel.key == -1 or not (shared or run[i] >= min_run):
             verdict[i] = ISOLATED
             continue
-        if about.share < min_share:
+        through = every * about.through  # one ray in so many was followed
+        if about.share < min_share or through > max_through * (through + about.support):
             verdict[i] = SEEN_THROUGH
             continue
         off = (

@@ -80,9 +80,11 @@ def _add_point(cell, z, noise_variance, pose_deviation, intensity):
 
 
 @njit(cache=True, nogil=True)
-def _seal(cell):
-    """Close the memory of one sweep: its pose errors are one error."""
+def _seal(cell, seen):
+    """Close the memory of one sweep, which began at `seen` s: its pose errors are one error."""
     cell.sweeps = 1
+    cell.first = cell.last = seen
+    cell.leading = cell.lasting = cell.pose
     cell.pose = cell.pose * cell.pose
     cell.between_noise = cell.noise / cell.weight
     cell.between_pose = cell.pose / cell.weight
@@ -90,8 +92,35 @@ def _seal(cell):
 
 
 @njit(cache=True, nogil=True)
-def _merge_cell(into, other):
-    """Two sealed memories, of different sweeps, become one (pairwise update of Chan, Golub and LeVeque)."""
+def _merge_poses(into, other, memory):
+    """The variance by poses of two stretches of sweeps, and what is needed to add more at either end."""
+    into.pose += other.pose
+    if into.count == 0 or not memory > 0.0 or np.isnan(other.first):
+        into.first, into.last, into.leading, into.lasting = other.first, other.last, other.leading, other.lasting
+        return
+    after = np.exp(-abs(other.last - into.last) / memory)
+    before = np.exp(-abs(other.first - into.first) / memory)
+    if other.first >= into.last:
+        into.pose += 2.0 * into.lasting * other.leading * np.exp((into.last - other.first) / memory)
+    elif into.first >= other.last:
+        into.pose += 2.0 * other.lasting * into.leading * np.exp((other.last - into.first) / memory)
+    else:  # two stretches of the same time: as if their ends were all
+        into.pose += 2.0 * into.lasting * other.lasting * after
+    later, earlier = other.last >= into.last, other.first <= into.first
+    into.lasting = other.lasting + into.lasting * after if later else into.lasting + other.lasting * after
+    into.leading = other.leading + into.leading * before if earlier else into.leading + other.leading * before
+    into.last = max(into.last, other.last)
+    into.first = min(into.first, other.first)
+
+
+@njit(cache=True, nogil=True)
+def _merge_cell(into, other, memory):
+    """Two sealed memories, of different sweeps, become one (pairwise update of Chan, Golub and LeVeque).
+
+    The errors of the path are a Gauss-Markov process that forgets itself in `memory` s. What two stretches of it have in
+    common hangs on the end of the earlier and the begin of the later alone, so that stretches merge in any grouping.
+    """
+    _merge_poses(into, other, memory)
     total = into.weight + other.weight
     share = other.weight / total
     step = other.z - into.z
@@ -99,7 +128,6 @@ def _merge_cell(into, other):
     into.sweeps += other.sweeps
     into.z += share * step
     into.noise += other.noise
-    into.pose += other.pose
     into.within += other.within
     into.within_expected += other.within_expected
     into.between += other.between + step * step * into.weight * share
@@ -132,11 +160,14 @@ def mark_tiles(placed, chosen, cell_side, tile, first, marked):
 
 
 @njit(cache=True, nogil=True)
-def fuse_sweep(placed, chosen, gradient, noise, pose, intensity, floor, cell_side, first, slot_of, cells, entry_of):
+def fuse_sweep(
+    placed, chosen, gradient, noise, pose, intensity, floor, cell_side, first, slot_of, cells, entry_of, seen, memory
+):
     """Take the chosen points of one sweep into the grid.
 
     slot_of (a, b) finds the slot of a tile counted from tile `first`; cells (slots, tile, tile) of CELL, first index
     along x; entry_of, of the same shape, is -1 everywhere before and after: it finds a cell's memory of this sweep.
+    seen: when the sweep began, s; memory: s in which the path's errors forget themselves.
     """
     tile = cells.shape[1]
     own = np.zeros(np.count_nonzero(chosen), cells.dtype)
@@ -166,18 +197,18 @@ def fuse_sweep(placed, chosen, gradient, noise, pose, intensity, floor, cell_sid
         )
     for entry in range(used):
         slot, a, b = home[entry, 0], home[entry, 1], home[entry, 2]
-        _seal(own[entry])
-        _merge_cell(cells[slot, a, b], own[entry])
+        _seal(own[entry], seen)
+        _merge_cell(cells[slot, a, b], own[entry], memory)
         entry_of[slot, a, b] = -1
 
 
 @njit(cache=True, nogil=True)
-def merge_tile(into, other, factor):
+def merge_tile(into, other, factor, memory):
     """Merge tile `other` into tile `into` (CELL), factor x factor cells into one.
 
-    Points of one sweep in neighbouring cells then count as two sweeps: right for a factor of 1, cautious enough beyond.
+    Points of one sweep in neighbouring cells then count as two sweeps of one moment.
     """
     for a in range(other.shape[0]):
         for b in range(other.shape[1]):
             if other[a, b].count > 0:
-                _merge_cell(into[a // factor, b // factor], other[a, b])
+                _merge_cell(into[a // factor, b // factor], other[a, b], memory)

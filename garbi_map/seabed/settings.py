@@ -21,6 +21,16 @@ class OutlierSettings(Settings):
         lt=1.0,
         description="of the profiles that hit the best of the column, below which it was seen through",
     )
+    max_through: float = Field(
+        default=0.45,
+        gt=0.0,
+        le=1.0,
+        description="of the profiles that hit a place or saw through it, those that saw through, beyond which it moved",
+    )
+    gap: float = Field(default=0.02, gt=0.0, description="m before what a ray hits, within which it proves nothing")
+    beam: float = Field(default=0.003, gt=0.0, description="m from the middle of a voxel's points to a ray through it")
+    thin_beam: float = Field(default=0.0012, gt=0.0, description="m, likewise for what is thinner than such a ray")
+    every: int = Field(default=2, ge=1, description="rows, of which the rays of one are followed")
     gate: float = Field(
         default=4.0, gt=0.0, description="sigmas that a point without support of its own may lie off the surface"
     )
@@ -32,6 +42,9 @@ class SeabedSettings(Settings):
 
     cell: float = Field(default=0.005, gt=0.0, le=10.0, description="m, side of a cell of the elevation grid")
     sigma_floor: float = Field(default=5e-5, gt=0.0, description="m; no point is believed to be better than this")
+    pose_memory: float = Field(
+        default=4.0, ge=0.0, description="s, correlation time of the path's errors; 0: those of every sweep are its own"
+    )
     max_cells: int = Field(
         default=4_000_000,
         ge=4096,

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 from numpy.typing import NDArray
 
 from garbi_map.errors import GarbiError
 from garbi_map.seabed.cells import CELL
 from garbi_map.seabed.settings import SeabedSettings
-from garbi_map.seabed.types import Seabed
+from garbi_map.seabed.types import JudgedPoints, Seabed
 
 TILE = 64  # cells along a side of a tile; a power of two, so that tiles coarsen evenly
 _EDGE = 9.0  # times the usual scatter, three sigma: noise hardly does that, an edge in the cell does
@@ -19,19 +21,27 @@ class SurfaceGrid:
     """Cells about integer multiples of the cell's side, so that any two grids of one cell size merge cell by cell.
 
     `tiles` maps the index (along x, along y) of a tile to its slot in `cells` (slots, TILE, TILE), first index along x.
-    Memory grows with the area seen.
+    Memory grows with the area seen. A coarse grid, of `factor` cells along a side of each of its own, takes no sweeps, only
+    other grids.
     """
 
-    def __init__(self, settings: SeabedSettings) -> None:
+    def __init__(self, settings: SeabedSettings, factor: int = 1) -> None:
         self._settings = settings
+        self._factor = factor
         self._tiles: dict[tuple[int, int], int] = {}
-        self._cells = np.zeros((16, TILE, TILE), CELL)
+        self._cells = np.zeros((16, TILE // factor, TILE // factor), CELL)
         self._entries = np.full(self._cells.shape, -1, np.int32)
 
     @property
     def tiles(self) -> dict[tuple[int, int], NDArray[np.void]]:
         """The memory (TILE, TILE) of each tile, views."""
         return {index: self._cells[slot] for index, slot in self._tiles.items()}
+
+    def add(self, points: JudgedPoints) -> None:
+        """Take in the accepted points of one whole sweep."""
+        if len(points.points):
+            chosen, begin = np.ones(len(points.points), np.bool_), float(points.stamp_ns[0] * 1e-9)
+            self.add_sweep(points.points, chosen, points.gradient, points.noise, points.pose, points.intensity, begin)
 
     def add_sweep(
         self,
@@ -41,11 +51,13 @@ class SurfaceGrid:
         noise: NDArray[np.float64],
         pose: NDArray[np.float64],
         intensity: NDArray[np.float32],
+        seen: float = np.nan,
     ) -> None:
         """Take in the chosen (n,) points (n, 3) in `map` of one whole sweep.
 
         gradient (n, 2) is the slope of the surface at a point, along x and y; noise (n,) is the variance of its
-        elevation by errors of its own, m^2; pose (n,) the deviation by errors that it shares with the sweep, m.
+        elevation by errors of its own, m^2; pose (n,) the deviation by errors that it shares with the sweep, m; seen: when
+        the sweep began, s: what follows closely shares errors of its poses.
         """
         from garbi_map.seabed import kernels
 
@@ -76,10 +88,17 @@ class SurfaceGrid:
             slot_of,
             self._cells,
             self._entries,
+            seen,
+            self._settings.pose_memory,
         )
 
+    def put(self, index: tuple[int, int], cells: NDArray[np.void]) -> None:
+        """Set the memory (TILE, TILE) of a tile to what another grid had there."""
+        slot = self._slot(index)  # which may move the cells
+        self._cells[slot] = cells
+
     def merge(self, other: SurfaceGrid) -> None:
-        """Take in all that another grid, of the same cell size and of other sweeps, has seen."""
+        """Take in all that another grid, of the same cell size, no coarser and of other sweeps, has seen."""
         from garbi_map.seabed import kernels
 
         if other._settings.cell != self._settings.cell:
@@ -88,7 +107,7 @@ class SurfaceGrid:
             )
         for index, tile in other.tiles.items():
             slot = self._slot(index)
-            kernels.merge_tile(self._cells[slot], tile, 1)
+            kernels.merge_tile(self._cells[slot], tile, self._factor // other._factor, self._settings.pose_memory)
 
     def finish(self) -> Seabed:
         """The grid as dense rasters over all that was seen; a copy, so that the grid may go on growing.
@@ -102,14 +121,12 @@ class SurfaceGrid:
         index = np.array(list(self._tiles))
         low = index.min(0)
         span = index.max(0) - low + 1
-        factor = 1
-        while np.prod(span) * (TILE // factor) ** 2 > self._settings.max_cells and factor < TILE:
-            factor *= 2
+        factor = max(self._factor, coarseness(self._tiles, self._settings))
         part, cell = TILE // factor, self._settings.cell * factor
         bands = {name: np.zeros(span * part, CELL.fields[name][0]) for name in CELL.names or () if CELL.fields}
         for (a, b), tile in self.tiles.items():
             coarse = np.zeros((part, part), CELL)
-            kernels.merge_tile(coarse, tile, factor)
+            kernels.merge_tile(coarse, tile, factor // self._factor, self._settings.pose_memory)
             at = (
                 slice((a - low[0]) * part, (a - low[0] + 1) * part),
                 slice((b - low[1]) * part, (b - low[1] + 1) * part),
@@ -131,6 +148,16 @@ class SurfaceGrid:
                 self._cells = np.concatenate([self._cells, np.zeros_like(self._cells)])
                 self._entries = np.concatenate([self._entries, np.full_like(self._entries, -1)])
         return slot
+
+
+def coarseness(tiles: Iterable[tuple[int, int]], settings: SeabedSettings) -> int:
+    """How many cells along a side become one where the raster about these tiles would have more than `max_cells`."""
+    index = np.array(list(tiles))
+    span = index.max(0) - index.min(0) + 1
+    factor = 1
+    while np.prod(span) * (TILE // factor) ** 2 > settings.max_cells and factor < TILE:
+        factor *= 2
+    return factor
 
 
 def _rasters(bands: dict[str, NDArray], origin: tuple[float, float], cell: float, window: int) -> Seabed:

@@ -26,21 +26,31 @@ class Verdict(IntEnum):
 
 
 @dataclass(frozen=True)
-class AcceptedPoints:
-    """The points of one sweep that belong to the seabed, in `map`, and which they were.
+class Points:
+    """Points of one sweep in `map`.
 
     stamp_ns    (k,) int64, of each point's profile
     points      (k, 3) float64, m
     sigma       (k,) float32, 1 sigma along the camera ray, m: stripe, laser angle and pose
     intensity   (k,) float32, 0..255
-    verdict     (n,) uint8, a Verdict for each point of the sweep
     """
 
     stamp_ns: NDArray[np.int64]
     points: NDArray[np.float64]
     sigma: NDArray[np.float32]
     intensity: NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class AcceptedPoints(Points):
+    """The points of one sweep that belong to the seabed, and which they were.
+
+    verdict     (n,) uint8, a Verdict for each point of the sweep
+    moving      those that were seen through: fish, cables, the vehicle's own arm
+    """
+
     verdict: NDArray[np.uint8]
+    moving: Points | None = None
 
     @property
     def mask(self) -> NDArray[np.bool_]:
@@ -52,6 +62,20 @@ class AcceptedPoints:
         """Number of points left out, by reason; every reason is there."""
         count = np.bincount(self.verdict, minlength=len(Verdict))
         return {reason.label: int(count[reason]) for reason in Verdict if reason != Verdict.ACCEPTED}
+
+
+@dataclass(frozen=True, kw_only=True)
+class JudgedPoints(AcceptedPoints):
+    """Accepted points with what their fusion needs.
+
+    gradient    (k, 2) float64, slope of the surface at each point, along x and y
+    noise       (k,) float64, variance of the elevation by the point's own error, m^2
+    pose        (k,) float64, deviation of the elevation by the error of the pose, which the sweep shares, m
+    """
+
+    gradient: NDArray[np.float64]
+    noise: NDArray[np.float64]
+    pose: NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -52,6 +53,20 @@ class SweepStore:
             return None
         return store
 
+    def linked(self, folder: Path) -> SweepStore:
+        """The same sweeps in a new folder, to be changed there; what does not change takes no room."""
+        folder.mkdir(parents=True, exist_ok=True)
+        store = SweepStore(folder)
+        store.entries, store.latency = list(self.entries), self.latency
+        for entry in self.entries:
+            own = store._file(entry.index)
+            try:
+                own.hardlink_to(self._file(entry.index))
+            except OSError:  # a file system without links
+                shutil.copyfile(self._file(entry.index), own)
+        store.finish(self.losses)
+        return store
+
     def add(self, sweep: Sweep) -> None:
         """Writes a sweep; points as float32, which resolves a micrometre at ten metres."""
         self.folder.mkdir(parents=True, exist_ok=True)
@@ -60,6 +75,7 @@ class SweepStore:
     def _write(self, index: int, sweep: Sweep) -> StoredSweep:
         arrays = {name: getattr(sweep, name) for name in _ARRAYS}
         arrays["points"] = sweep.points.astype(np.float32)
+        self._file(index).unlink(missing_ok=True)  # it may be shared with the folder this one was linked from
         np.savez(self._file(index), **arrays)
         stamps = sweep.stamp_ns
         blank = len(stamps) - len(np.unique(sweep.profile))

@@ -102,6 +102,20 @@ def decision_blueprint() -> Blueprint:
     )
 
 
+def change_blueprint(seabed: NDArray) -> Blueprint:
+    """The layout of two maps that are compared; seabed (n, 3) m: what the first look must hold."""
+    import rerun.blueprint as rrb
+
+    eye = _first_look(seabed, seabed, 0.0)
+    scenes = [
+        _scene("What changed", [f"- /{style.AFTER.path}"], eye, {}),
+        _scene("Before", [f"- /{style.AFTER.path}", "- /map/changes/**"], eye, {}),
+        _scene("After", [f"- /{style.BEFORE.path}", "- /map/changes/**"], eye, {}),
+    ]
+    words = rrb.TextDocumentView(origin=style.ABOUT, name="What is this?")
+    return rrb.Blueprint(rrb.Vertical(rrb.Tabs(*scenes), words, row_shares=[0.78, 0.22]), *_panels(1.0))
+
+
 def work_blueprint() -> Blueprint:
     """The layout of a map while it is built."""
     import rerun.blueprint as rrb

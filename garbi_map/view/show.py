@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from garbi_map.rig import Rig
 
 MAP_RECORDING = "map.rrd"
+CHANGE_RECORDING = "compare.rrd"
 
 
 @dataclass(frozen=True)
@@ -50,13 +51,15 @@ class Wishes:
 
 
 def recording_of(path: Path) -> Path | None:
-    """The recording that is meant by a path: the file itself, or that of a finished map; None for a log.
+    """The recording that is meant by a path: the file itself, or that of a finished map or comparison; None for a log.
 
     Raises GarbiError for what does not exist and for a folder that is neither a finished map nor a log.
     """
     if not path.exists() and path.suffix != ".rrd":
         raise GarbiError(f"{path}: no such file or directory")
     if path.is_dir() and not (path / "metadata.yaml").exists():
+        if (path / CHANGE_RECORDING).exists():
+            return check_recording(path / CHANGE_RECORDING)
         if not (path / MAP_RECORDING).exists():
             raise GarbiError(f"{path}: holds no {MAP_RECORDING}: finish the map with garbi map LOG -o {path}")
         return check_recording(path / MAP_RECORDING)

@@ -84,6 +84,12 @@ LOOPS = Thing("map/route/loops", WELL, "green lines", "two passes over the same 
 TRUTH_ROUTE = Thing("map/truth/route", TRUTH, "violet line", "the true path, where the log of a simulation has it")
 REJECTED = Thing("map/seabed/moving", ALARM, "red points", "what moved or floated: seen, and left out of the map")
 
+BEFORE = Thing("map/before", (30, 116, 148), "surface, before", "the earlier of two maps that are compared")
+AFTER = Thing("map/after", (30, 116, 148), "surface, after", "the later one, laid on it")
+RISEN = Thing("map/changes/risen", (232, 84, 64), "red patches", "what rose or was added between two maps")
+FALLEN = Thing("map/changes/fallen", (60, 120, 240), "blue patches", "what sank or is gone")
+MOVE = Thing("map/changes/moved", CAUTION, "yellow arrow", "a thing that moved, from where to where")
+
 COMMAND = Thing("map/vehicle/intent/command", OURS, "orange arrow", "the command, after safety had the last word")
 PROPOSAL = Thing("map/vehicle/intent/proposal", CAMERA, "other arrows", "what each behaviour wants")
 SAFE = Thing("map/vehicle/intent/safe_set", WELL, "green outlines", "the safe set: where arrows may end")

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from rerun import RecordingStream
 
 
-def draw_surface(recording: RecordingStream, mesh: Mesh) -> None:
+def draw_surface(recording: RecordingStream, mesh: Mesh, path: str = style.MESH.path) -> None:
     """The mesh, coloured by depth; half grey where it is interpolated over a hole."""
     import rerun as rr
 
@@ -28,7 +28,7 @@ def draw_surface(recording: RecordingStream, mesh: Mesh) -> None:
         triangle_indices=mesh.triangles.astype(np.uint32),
         vertex_colors=colours,
     )
-    recording.log(style.MESH.path, surface, static=True)
+    recording.log(path, surface, static=True)
 
 
 def vertex_normals(mesh: Mesh) -> NDArray[np.float32]:

@@ -55,9 +55,22 @@ class Sway(Settings):
     period: Positive = 4.0  # s, the longest
 
 
+class Thing(Settings):
+    """A solid that lies on the seabed, where the scenario says; two dives that differ in it show what changed."""
+
+    kind: Literal["stone", "block", "sphere"]
+    size: Positive = 0.06  # m: radius of a stone or a sphere; edge length of a block
+    at: tuple[float, float]  # m, map
+    turn: float = 0.0  # rad, about the vertical
+    sunk: Share = 0.25  # of its size that is in the ground
+    shape: int = Field(default=0, ge=0)  # seed of a stone's lumps
+
+
 class Seabed(Settings):
     """Ground and what lies on it; z = 0 is its mean level."""
 
+    seed: int | None = Field(default=None, ge=0)  # of ground, stones and texture, where it is not that of the dive
+    things: tuple[Thing, ...] = ()
     margin: Positive = 1.3  # m, of ground around the route
     cell: Positive = 0.008  # m, grid step of the ground
     relief: NotNegative = 0.03  # m, 1 sigma, of broad undulation

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from garbi_map.log.records import Floats
 from tools.simulator import shapes
 from tools.simulator.route import Reference
-from tools.simulator.scenario import Mover, Scenario, Seabed
+from tools.simulator.scenario import Mover, Scenario, Seabed, Thing
 from tools.simulator.shapes import Mesh
 
 
@@ -84,9 +84,14 @@ class Scene:
 
     def on_ground(self, points: Floats) -> NDArray[np.bool_]:
         """Whether points (n, 3) m lie on the still seabed, within a millimetre, and not on what moves."""
-        o3d = _open3d()
-        away = self._still.compute_distance(o3d.core.Tensor(points.astype(np.float32)))
-        return np.asarray(away.numpy()) < 1e-3
+        return _distance(self._still, points) < 1e-3
+
+    def distances(self, points: Floats, time: float) -> tuple[Floats, Floats]:
+        """Of points (n, 3) m, map, from the still seabed and from the nearest moving body at a time (s), (n,) m each."""
+        body = np.full(len(points), np.inf)
+        for mover, shape in self._moving:
+            body = np.minimum(body, _distance(shape, points - mover_centre(mover, time)))
+        return _distance(self._still, points), body
 
     def write(self, path: Path) -> None:
         """The true still surface as binary PLY."""
@@ -106,14 +111,15 @@ def mover_centre(mover: Mover, time: float) -> Floats:
 
 def make_scene(scenario: Scenario, reference: Reference) -> Scene:
     """The scene of a scenario: the same for the same seed, whatever the sensors."""
-    rng = np.random.default_rng([scenario.seed, 1])
     seabed = scenario.seabed
+    rng = np.random.default_rng([scenario.seed if seabed.seed is None else seabed.seed, 1])
     low = reference.position.min(0) - seabed.margin
     high = reference.position.max(0) + seabed.margin
     ground = make_ground(seabed, low, high, rng)
     meshes = [shapes.grid(ground.heights, ground.x, ground.y)]
     meshes += _stones(seabed, ground, rng)
     meshes += _made_by_man(seabed, ground, reference)
+    meshes += [_laid(thing, ground) for thing in seabed.things]
     lengths = np.exp(rng.uniform(np.log(0.03), np.log(1.0), 24))
     wave = rng.normal(size=(24, 3))
     wave *= (2 * np.pi / lengths / np.linalg.norm(wave, axis=1))[:, None]
@@ -156,6 +162,20 @@ def _stones(seabed: Seabed, ground: Ground, rng: np.random.Generator) -> list[Me
         z = ground.at(x, y) + radius * rng.uniform(0.0, 0.3)
         made.append(shapes.moved(shapes.stone(radius, rng), np.array([x, y, z])))
     return made
+
+
+def _laid(thing: Thing, ground: Ground) -> Mesh:
+    """One of the scenario's things, on the ground where it lies."""
+    if thing.kind == "stone":
+        mesh = shapes.stone(thing.size, np.random.default_rng([thing.shape, 8]))
+    elif thing.kind == "sphere":
+        points, triangles = shapes.sphere(4)
+        mesh = points * thing.size, triangles
+    else:
+        mesh = shapes.cube(thing.size)
+    rise = (0.5 if thing.kind == "block" else 0.6 if thing.kind == "stone" else 1.0) * thing.size
+    place = np.array([*thing.at, ground.at(*thing.at) + rise - thing.sunk * thing.size])
+    return shapes.moved(mesh, place, Rotation.from_euler("z", thing.turn))
 
 
 def _made_by_man(seabed: Seabed, ground: Ground, reference: Reference) -> list[Mesh]:
@@ -218,6 +238,11 @@ def _ray_casting(mesh: Mesh) -> Any:
     scene = o3d.t.geometry.RaycastingScene(nthreads=1)
     scene.add_triangles(o3d.core.Tensor(mesh[0].astype(np.float32)), o3d.core.Tensor(mesh[1].astype(np.uint32)))
     return scene
+
+
+def _distance(scene: Any, points: Floats) -> Floats:
+    away = scene.compute_distance(_open3d().core.Tensor(points.astype(np.float32)), nthreads=1)
+    return np.asarray(away.numpy(), np.float64)
 
 
 def _cast(scene: Any, origin: Floats, direction: Floats) -> tuple[Floats, Floats]:

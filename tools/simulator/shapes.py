@@ -103,6 +103,13 @@ def block() -> Mesh:
     return points, np.array(triangles, np.int32)
 
 
+def cube(edge: float) -> Mesh:
+    """Centred, its faces along the axes."""
+    corner = np.array([[x, y, z] for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)], float) * edge / 2
+    quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]]
+    return corner, np.array([[q[i] for i in t] for q in quads for t in ((0, 1, 2), (0, 2, 3))], np.int32)
+
+
 def fish(length: float) -> Mesh:
     """A flattened ellipsoid along x: what a fish is to a range sensor."""
     points, triangles = sphere(3)

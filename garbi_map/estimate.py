@@ -1,0 +1,190 @@
+"""A dive by itself, stage by stage: sweeps, navigation, registration, judged points. Each stage is kept on disk."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from garbi_map.config import Config
+from garbi_map.db import SubmapFile, keep, recall, write_poses, write_submap
+from garbi_map.dive import Dive, Span, open_dive
+from garbi_map.errors import GarbiError
+from garbi_map.navigate import NavigationResult, Trajectory, navigate
+from garbi_map.progress import Progress, Show, Silent, counted, unseen
+from garbi_map.register import Registered, Scanner, register
+from garbi_map.register.agreement import Agreement
+from garbi_map.register.drift import Round
+from garbi_map.register.timing import Offset
+from garbi_map.scan import ScanLosses, scan
+from garbi_map.seabed import JudgedPoints, SeabedBuilder
+from garbi_map.sweep import Sweep
+from garbi_map.sweep.store import SweepStore
+
+_KINDS = (NavigationResult, Registered, Trajectory, Round, Agreement, Offset)
+
+
+@dataclass(frozen=True)
+class Judged:
+    """The points that were accepted, as submaps on disk; how many, and how many were left out, by reason."""
+
+    submaps: list[SubmapFile]
+    accepted: int
+    rejected: dict[str, int]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A dive in its own frame, which begins where it begins."""
+
+    store: SweepStore
+    navigated: NavigationResult
+    registered: Registered
+    judged: Judged
+
+
+def estimate(
+    dive: Dive, database: Path, work: Path, workers: int = 2, progress: Progress | None = None, show: Show = unseen
+) -> Estimate:
+    """Estimate a dive; its submaps and its trajectory go into the database's folder, where nothing names them yet.
+
+    What an earlier run has kept in `work` is taken from there. `show` is given sweeps, path and points as they come.
+    Raises GarbiError where the input cannot give a map.
+    """
+    progress = progress or Silent()
+    with timed(dive, "stripes and sweeps"):
+        sweeps = sweeps_of(dive, work, workers, progress, show)
+    folder = work / dive.key
+    with timed(dive, "navigation and registration"):
+        store, navigated, registered = registered_of(dive, sweeps, folder, progress)
+    show(registered.trajectory)
+    with timed(dive, "seabed"):
+        judged = judged_of(dive, store, registered.inside, database, folder, progress, show)
+        write_poses(database / trajectory_file(dive), registered.trajectory)
+    return Estimate(store, navigated, registered, judged)
+
+
+def estimate_apart(
+    paths: list[Path], config: Config, rig_path: Path | None, span: Span, database: Path, work: Path
+) -> None:
+    """The same as a job for any worker, on one thread; the results are what it leaves on disk."""
+    estimate(open_dive(paths, config, rig_path, span), database, work, workers=1)
+
+
+def trajectory_file(dive: Dive) -> str:
+    """Relative to the database."""
+    return f"trajectories/{dive.key}.parquet"
+
+
+def sweeps_of(dive: Dive, work: Path, workers: int, progress: Progress, show: Show = unseen) -> SweepStore:
+    """The sweeps of the dive on disk: those of an interrupted run where nothing has changed since, else made now."""
+    folder = work / dive.sweeps_key
+    store = SweepStore.open(folder)
+    if store is None:
+        shutil.rmtree(folder, ignore_errors=True)
+        progress.stage("stripes and sweeps", dive.log.image_count)
+        losses = ScanLosses()
+        store = SweepStore(folder)
+        for sweep in scan(dive.log, dive.rig, dive.navigation, dive.config, dive.span_ns, workers, losses, progress):
+            store.add(sweep)
+            show(sweep)
+        store.finish([*dive.log.losses, *losses.lines()])
+    dive.losses += store.losses
+    if sum(entry.profiles for entry in store.entries) < 2:
+        shutil.rmtree(folder, ignore_errors=True)
+        with suppress(OSError):
+            work.rmdir()
+        why = f" ({'; '.join(store.losses)})" if store.losses else ""
+        raise GarbiError(
+            f"{dive.paths[0]}: the laser is not seen in two images or more{why}; look at it with garbi stripe --overlay"
+        )
+    return store
+
+
+def registered_of(
+    dive: Dive, sweeps: SweepStore, folder: Path, progress: Progress
+) -> tuple[SweepStore, NavigationResult, Registered]:
+    """The sweeps as the registration leaves them, which may set their clock right, and both trajectories."""
+    kept, own = folder / "registered.npz", folder / "sweeps"
+    known, store = recall(kept, _KINDS), SweepStore.open(own)
+    if known is not None and store is not None:
+        return store, *known
+    shutil.rmtree(own, ignore_errors=True)
+    store = sweeps.linked(own)
+    progress.stage("navigation")
+    navigated = navigate(dive.navigation, dive.config.navigate, store.stamps())
+    progress.stage("registration")
+    scanner = Scanner(dive.rig, dive.angle, dive.navigation.mount("rig"))
+    settings = dive.config
+    registered = register(
+        store, dive.navigation, navigated, settings.registration, settings.navigate, progress.note, scanner
+    )
+    navigated = replace(navigated, inertial=None, attitude=None)  # intermediate, and as large as the log's own
+    keep(kept, (navigated, registered))
+    return store, navigated, registered
+
+
+def judged_of(
+    dive: Dive,
+    store: SweepStore,
+    trajectory: Trajectory,
+    database: Path,
+    folder: Path,
+    progress: Progress,
+    show: Show = unseen,
+) -> Judged:
+    """The points that belong to the seabed, judged by all sweeps of the dive; on disk as submaps."""
+    kept = folder / "judged.npz"
+    known = recall(kept, (Judged, SubmapFile))
+    if known is not None and all((database / file).is_file() for submap in known.submaps for file in submap.files):
+        return known
+    progress.stage("seabed", 3 * len(store))
+    mount = dive.navigation.mount("rig")
+    builder = SeabedBuilder(dive.config.seabed, mount, dive.rig.eyes)
+
+    def posed() -> Iterator[tuple[Sweep, Trajectory]]:
+        for sweep in counted(store, progress):
+            yield sweep, trajectory.at(sweep.stamp_ns).mounted(mount)
+
+    for sweep, poses in posed():
+        builder.observe(sweep, poses)
+    for sweep, poses in posed():
+        builder.see_through(sweep, poses)
+    submaps: list[SubmapFile] = []
+    parts: list[tuple[int, JudgedPoints, NDArray[np.float64]]] = []
+    longest = round(dive.config.database.submap_seconds * 1e9)
+
+    def close() -> None:
+        if sum(len(points.points) for _, points, _ in parts):
+            submaps.append(write_submap(database, f"{dive.key}-{len(submaps):04d}", parts))
+        parts.clear()
+
+    begin_ns = 0
+    for sweep, poses in posed():
+        points = builder.judge(sweep, poses)
+        if parts and sweep.stamp_ns[-1] - begin_ns > longest:
+            close()
+        if not parts:
+            begin_ns = int(sweep.stamp_ns[0])
+        parts.append((sweep.index, points, poses.position[sweep.profile[points.mask]]))
+        show(points)
+    close()
+    if not submaps:
+        raise GarbiError(f"{dive.paths[0]}: no point of the seabed was accepted: there is no map to make")
+    judged = Judged(submaps, builder.accepted, dict(builder.rejected))
+    keep(kept, judged)
+    return judged
+
+
+@contextmanager
+def timed(dive: Dive, stage: str) -> Iterator[None]:
+    """Adds the seconds of a stage to the dive's timings."""
+    begin = time.perf_counter()
+    yield
+    dive.timings[stage] = time.perf_counter() - begin

@@ -1,0 +1,43 @@
+"""Names for results, which change with everything that a result depends on: input, rig, configuration and code."""
+
+from __future__ import annotations
+
+import hashlib
+from functools import cache
+from pathlib import Path
+
+from garbi_map import __version__
+from garbi_map.errors import GarbiError
+
+
+def digest_of(*parts: str | bytes) -> str:
+    """A name for a content: 16 hexadecimal digits."""
+    digest = hashlib.sha256()
+    for part in parts:
+        data = part.encode() if isinstance(part, str) else part
+        digest.update(len(data).to_bytes(8, "big"))
+        digest.update(data)
+    return digest.hexdigest()[:16]
+
+
+def recording_key(paths: list[Path]) -> str:
+    """A name for the content of a recording, whatever its files are called and in whatever order they are given.
+
+    Raises GarbiError where a file cannot be read.
+    """
+    contents = []
+    for path in paths:
+        for file in sorted(path.iterdir()) if path.is_dir() else [path]:
+            try:
+                with file.open("rb") as opened:
+                    contents.append(hashlib.file_digest(opened, "sha256").digest())
+            except OSError as error:
+                raise GarbiError(f"{file}: cannot be read: {error.strerror}") from error
+    return digest_of(*sorted(contents))
+
+
+@cache
+def code_key() -> str:
+    """A name for this very code: a stage that was programmed otherwise is done again."""
+    package = Path(__file__).parent
+    return digest_of(__version__, *(file.read_bytes() for file in sorted(package.rglob("*.py"))))

@@ -1,0 +1,110 @@
+"""Work goes to this process, to several, or to a cluster; what a dead worker was at is done again."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+
+import pytest
+
+from garbi_map.errors import GarbiError
+from garbi_map.executor import Serial, Workers, open_workers
+
+
+def double(number: int) -> int:
+    """A job."""
+    return 2 * number
+
+
+def fatal_once(trace: Path, number: int) -> int:
+    """A job whose worker dies the first time."""
+    if number == 2 and not trace.exists():
+        trace.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return 2 * number
+
+
+def refuse(number: int) -> int:
+    """A job on bad input."""
+    raise GarbiError(f"{number}: not usable")
+
+
+def test_results_come_in_order_and_each_is_told() -> None:
+    """In this process."""
+    told: list[None] = []
+    with open_workers(1) as workers:
+        assert workers.run(double, [(k,) for k in range(5)], lambda: told.append(None)) == [0, 2, 4, 6, 8]
+    assert len(told) == 5
+
+
+def test_what_a_job_raises_is_raised_here() -> None:
+    """Bad input stays one clear line, whoever read it."""
+    with open_workers(1) as workers, pytest.raises(GarbiError, match="3: not usable"):
+        workers.run(refuse, [(3,)])
+
+
+def test_dead_process_is_replaced_and_its_work_done_again(tmp_path: Path) -> None:
+    """kill -9 of a worker: every result is there."""
+    with open_workers(2) as workers:
+        assert workers.run(fatal_once, [(tmp_path / "died", k) for k in range(4)]) == [0, 2, 4, 6]
+    assert (tmp_path / "died").exists()
+
+
+def test_work_that_kills_every_worker_ends_in_one_line() -> None:
+    """Not in an endless loop."""
+
+    class Broken(Serial):
+        def submit(self, fn: object, /, *args: object, **kwargs: object) -> Future:  # type: ignore[override]
+            raise BrokenProcessPool("gone")
+
+    with pytest.raises(GarbiError, match="workers died"):
+        Workers(Broken).run(double, [(1,)])
+
+
+def test_processes_end_with_the_one_that_started_them(tmp_path: Path) -> None:
+    """kill -9 of the whole leaves no worker behind that would go on writing."""
+    program = (
+        "import os, time, signal\nfrom garbi_map.executor import open_workers\n"
+        "if __name__ == '__main__':\n with open_workers(2) as w:\n"
+        "  print(*w.run(os.getpid, [()]), flush=True); os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    script = tmp_path / "program.py"
+    script.write_text(program)
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    ended = subprocess.run([sys.executable, script], stdout=subprocess.PIPE, text=True, check=False, env=environment)
+    worker = int(ended.stdout)
+    for _ in range(200):
+        if not Path(f"/proc/{worker}").exists() or " Z " in Path(f"/proc/{worker}/stat").read_text():
+            return
+        time.sleep(0.05)
+    pytest.fail("the worker is still there")
+
+
+def test_dask_that_is_not_installed_or_does_not_answer_is_one_line() -> None:
+    """What to install, or that nobody answers there."""
+    with pytest.raises(GarbiError, match=r"garbi\[dask\]|no scheduler"), open_workers(1, "tcp://127.0.0.1:1"):
+        pass
+
+
+def test_dask_gives_the_same_results() -> None:
+    """On a local cluster of one worker, where Dask is installed."""
+    distributed = pytest.importorskip("distributed")
+    with (
+        distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as cluster,
+        open_workers(1, cluster.scheduler_address) as workers,
+    ):
+        assert workers.run(double, [(k,) for k in range(5)]) == [0, 2, 4, 6, 8]
+        with pytest.raises(GarbiError, match="not usable"):
+            workers.run(refuse, [(3,)])
+
+
+def test_pool_of_processes_is_the_standard_one() -> None:
+    """Anything with the interface of `concurrent.futures.Executor` can do the work."""
+    with ProcessPoolExecutor(1) as pool:
+        assert Workers(lambda: pool).run(double, [(4,)]) == [8]
