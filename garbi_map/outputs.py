@@ -28,6 +28,7 @@ from garbi_map.export import (
     write_text,
     write_trajectory,
 )
+from garbi_map.export.solid import surface_of, write_surface_ply
 from garbi_map.progress import Progress
 from garbi_map.register import ENTROPY_RADIUS
 from garbi_map.register.timing import NAMES
@@ -62,6 +63,7 @@ OUTPUTS = {
     "moving.laz": "points that later or earlier profiles saw through: what moved or floated, not in the map",
     "seabed.tif": "elevation, uncertainty, density and standard deviation per cell",
     "seabed.glb": "the surface as a mesh",
+    "surface.ply": "the surface in three dimensions, where seabed.solid.make asks for it",
     "hillshade.png": "the surface from above",
     "map.rrd": "everything in Rerun: garbi view DIR",
     "report.json": "this report, for programs",
@@ -88,6 +90,9 @@ def write_outputs(out: Path, dive: Dive, store: SweepStore, built: Map, started:
     mesh = triangulate(built.seabed, dive.config.export.max_triangles, dive.config.export.widest_hole)
     write_glb(out / "seabed.glb", mesh)
     progress.advance()
+    if dive.config.seabed.solid.make:
+        inside, mount = built.registered.inside, dive.navigation.mount("rig")
+        write_surface_ply(out / "surface.ply", surface_of(out / "cloud.laz", inside, mount, dive.config.seabed.solid))
     write_hillshade(out / "hillshade.png", built.seabed, dive.config.export, title=dive.paths[0].stem)
     progress.advance()
     dive.timings["files"] = time.perf_counter() - begin
