@@ -63,14 +63,13 @@ OUTPUTS = {
     "moving.laz": "points that later or earlier profiles saw through: what moved or floated, not in the map",
     "seabed.tif": "elevation, uncertainty, density and standard deviation per cell",
     "seabed.glb": "the surface as a mesh",
-    "surface.ply": "the surface in three dimensions, where seabed.solid.make asks for it",
     "hillshade.png": "the surface from above",
     "map.rrd": "everything in Rerun: garbi view DIR",
     "report.json": "this report, for programs",
     "report.html": "this report",
     "config.yaml": "the configuration that was used, defaults included",
 }
-
+SURFACE = "the surface in three dimensions, walls and overhangs included"
 
 _TORN = 1e-3
 """m between overlapping sweeps, ten times what is usual, from which on the drift estimate counts as failed."""
@@ -143,7 +142,7 @@ def make_report(dive: Dive, store: SweepStore, built: Map) -> Report:
         timeline=timeline(dive, store),
         configuration=dive.config.model_dump(mode="json"),
         versions={"garbi": __version__, **{name: importlib.metadata.version(name) for name in _LIBRARIES}},
-        outputs=OUTPUTS,
+        outputs=OUTPUTS | ({"surface.ply": SURFACE} if dive.config.seabed.solid.make else {}),
     )
 
 

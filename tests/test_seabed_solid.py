@@ -92,7 +92,9 @@ def test_too_little_is_no_surface() -> None:
 def test_other_programs_read_the_file(mesh: Mesh, tmp_path: Path) -> None:
     """By trimesh: the same triangles, in float64, coloured."""
     trimesh = pytest.importorskip("trimesh")
-    write_surface_ply(tmp_path / "surface.ply", Mesh(mesh.vertices + np.array([4e5, 6e6, -12.0]), mesh.triangles, mesh.filled))
+    write_surface_ply(
+        tmp_path / "surface.ply", Mesh(mesh.vertices + np.array([4e5, 6e6, -12.0]), mesh.triangles, mesh.filled)
+    )
     read = trimesh.load(tmp_path / "surface.ply", process=False)
     np.testing.assert_array_equal(read.faces, mesh.triangles)
     np.testing.assert_allclose(read.vertices - [4e5, 6e6, -12.0], mesh.vertices, atol=1e-8)
