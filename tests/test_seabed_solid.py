@@ -75,7 +75,7 @@ def test_nothing_closes_the_water_between(mesh: Mesh) -> None:
 def test_tiles_leave_no_seam() -> None:
     """Cut into cubes of 30 cm, the surface is as good, and no wider gap is left than the voxels."""
     points, eyes = scanned()
-    mesh = made(points, eyes, tile=0.3)
+    mesh = made(points, eyes, tile=0.3, voxel=0.006)
     floor = mesh.vertices[(mesh.vertices[:, 2] < 0.01) & (np.abs(mesh.vertices[:, 1]) < 0.35)]
     x, y = np.meshgrid(np.linspace(-0.2, 0.2, 60), np.linspace(-0.3, 0.3, 80))
     gap = cKDTree(floor[:, :2]).query(np.c_[x.ravel(), y.ravel()])[0]
