@@ -45,7 +45,7 @@ class Pilot:
     def __init__(self, settings: BehaviourSettings, rig: Rig, mount: Mount) -> None:
         self.settings = settings
         self.space = Space(rig, mount, settings.vehicle, settings.space, settings.feed, settings.water)
-        self.movers = Movers()
+        self.movers = Movers(rig.camera.height)
         self.drift = Drift(settings.vehicle.skid, settings.vehicle.sway_time)
         self.sees_ahead = sees_ahead(rig, self.space, np.array(settings.vehicle.hull) / 2)
         self.safety = SafetyFilter(settings.vehicle, settings.safety, self.sees_ahead, settings.prior)
@@ -70,8 +70,9 @@ class Pilot:
                 seen.now_ns, None, [], stop, "none", "nothing is known yet: stop", stop, [], False, [], np.inf, ""
             )
         for profile in seen.profiles:
-            surprising = self.space.see(profile)
-            self.movers.see(profile, surprising)
+            self.movers.see(profile, *self.space.see(profile))
+            for place in self.movers.left():
+                self.space.forget(*place)
         self.space.be_at(seen.pose)
         self.drift.see(seen.pose)
         self.space.assume_free(self.settings.prior.free_above if self.settings.prior and not self.sees_ahead else None)
@@ -123,6 +124,7 @@ class Pilot:
             self.movers.now(),
             troubles,
             self.drift.current,
+            self.movers.undecided(seen.now_ns),
         )
 
     def _obstacle(self, seen: Seen) -> float:

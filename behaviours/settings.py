@@ -98,6 +98,16 @@ class SafetySettings(Settings):
         return self
 
 
+class EscapeSettings(Settings):
+    """Out of the way of what moves."""
+
+    horizon: Positive = Field(12.0, description="looked ahead, s")
+    near: Positive = Field(0.4, description="what would come nearer to the hull than this is escaped, m")
+    release: Positive = Field(0.5, description="an escape is over when nothing would come nearer than this, m")
+    keep: Positive = Field(0.8, description="a manoeuvre that keeps this gap is good enough, m")
+    clearance: NotNegative = Field(0.3, description="kept between hull and what stands meanwhile, m")
+
+
 class AvoidanceSettings(Settings):
     """Turning away, and escape."""
 
@@ -106,7 +116,7 @@ class AvoidanceSettings(Settings):
     beside: Positive = Field(0.25, description="the same for what lies abeam, above or below, m")
     full: Positive = Field(0.45, description="distance at which it acts fully, m")
     speed: Positive = Field(0.12, description="of backing off, m/s")
-    escape_time: Positive = Field(7.0, description="acts fully when a moving obstacle is this near, s")
+    escape: EscapeSettings = EscapeSettings()
 
 
 class TravelSettings(Settings):

@@ -9,6 +9,9 @@ from behaviours.settings import TravelSettings, Vehicle
 from behaviours.situation import Situation
 from behaviours.types import Command, Pose, Proposal
 
+WATCH, SIDE, KEPT = 4.5, 0.9, 0.4  # m, rad, rad: what is watched, and within which bearing it is kept
+NEAR, SLOW = 2.5, 0.1  # m, m/s: nearer than that it is waited for, else approached slowly
+
 
 class Travel:
     """Rehearses manoeuvres through what was seen; what is unseen on the way draws the bow, not the hull."""
@@ -43,7 +46,21 @@ class Travel:
             return self._say(look, "no way to the goal is known: looking about")
         plan = self._plan
         words = f"goal at {left:.1f} m: surge {plan.surge:.2f} m/s, yaw {plan.yaw:+.2f} rad/s, {plan.words}"
-        return self._say(self._command(pose, plan.surge, plan.yaw, plan.height), words)
+        surge, yaw, why = self._watch(situation, plan.surge, plan.yaw)
+        return self._say(self._command(pose, surge, yaw, plan.height), words + why)
+
+    def _watch(self, situation: Situation, surge: float, yaw: float) -> tuple[float, float, str]:
+        """Surge and yaw that keep in view what may move, until it is known whether it does: out of view it never will be."""
+        for one in situation.undecided:
+            x, y, _ = situation.pose.to_base(one.at(situation.now_ns)[None])[0]
+            bearing = float(np.arctan2(y, x))
+            if x > 0.0 and np.hypot(x, y) < WATCH and abs(bearing) < SIDE:
+                words = f"; something {x:.1f} m ahead, {y:+.1f} m to port, was seen {one.passes} times: does it move?"
+                surge = float(np.clip(surge, 0.0, SLOW if x > NEAR else 0.0))
+                if abs(bearing) > KEPT and bearing * yaw <= 0.0:
+                    yaw = 0.3 * float(np.sign(bearing)) * (abs(bearing) - KEPT)
+                return surge, yaw, words
+        return surge, yaw, ""
 
     def _say(self, command: Command, words: str) -> Proposal:
         return Proposal(self.name, 1.0, command, words, self.settings.priority)
