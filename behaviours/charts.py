@@ -18,7 +18,7 @@ LAYER = 0.3  # m between heights
 REACH = 3.8  # m to each side of the vehicle
 ABOVE_AND_BELOW = 0.3  # m kept from what is occupied above and below
 FAR = 9.0  # m, where there is none
-ABOUT = 2.0  # columns about something that moves, which its hits may be in
+ABOUT = 3.5  # columns about something that moves, which its hits may be in
 
 
 @dataclass(frozen=True)

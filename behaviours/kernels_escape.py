@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from behaviours.kernels import FREE, _inside, _kind
 from garbi_map.log.records import Floats
 
-MOST_DOUBT = 0.3  # m: more would bar all ways
+MOST_DOUBT = 0.4  # m: more would bar all ways
 
 
 @njit(cache=True, nogil=True)

@@ -16,7 +16,7 @@ from garbi_map.log.records import Floats
 
 LEAST, QUIET, LONGEST = 12, 0.2, 0.8  # points, s, s of a cluster
 FORGET_FIRST, FORGET = 8.0, 60.0  # s without being seen: without and with a velocity
-SPREAD = 0.05  # m, 1 sigma of a cluster's centre seen by a slit
+SPREAD = 0.07  # m, 1 sigma of a cluster's centre seen by a slit
 SPEED, CHANGE = 0.15, 0.004  # m/s, 1 sigma of a speed of which nothing is known; m/s per square root of a second
 GATE = 0.3  # m, beyond two sigma, within which a cluster is what was tracked
 SMALLEST, TALLEST = 0.1, 0.7  # m, of a compact thing
