@@ -6,6 +6,7 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from behaviours.avoidance import Avoidance
 from behaviours.coordinator import coordinate
@@ -26,6 +27,7 @@ from garbi_map.log.records import Floats, Mount
 from garbi_map.rig import Rig
 
 LOOK = 3.0  # m before the bow
+FARTHEST = 2.0  # m, at which the ground is looked for by a rig that looks ahead
 DRAWN_NS = 1_000_000_000  # between two pictures of the volume
 
 
@@ -56,7 +58,7 @@ class Pilot:
             self.behaviours.append(Travel(settings.travel, settings.vehicle))
         if settings.survey:
             kind = Survey if settings.survey.area else Wander
-            self.behaviours.append(kind(settings.survey, float(mount.translation[0])))
+            self.behaviours.append(kind(settings.survey, ground_ahead(mount, settings.survey.altitude)))
         if settings.hold:
             self.behaviours.append(Stabilisation(settings.hold, mount.translation))
         self._half = np.array(settings.vehicle.hull) / 2
@@ -152,6 +154,12 @@ def in_the_way(points: Floats, half: Floats) -> Floats:
         (points[:, 0] > half[0]) & (np.abs(points[:, 1]) < half[1] + margin) & (np.abs(points[:, 2]) < half[2] + margin)
     )
     return points[meets]
+
+
+def ground_ahead(mount: Mount, altitude: float) -> float:
+    """m before base_link at which the middle of the view meets the ground, from an altitude (m); FARTHEST at most."""
+    forward, _, up = Rotation.from_quat(mount.quaternion).apply([1.0, 0.0, 0.0])
+    return float(mount.translation[0] + min(altitude * forward / max(-up, 1e-3), FARTHEST))
 
 
 def sees_ahead(rig: Rig, space: Space, half: Floats) -> bool:

@@ -11,6 +11,8 @@ from tools.trials.stabilisation import Held
 from tools.trials.stabilisation import run as hold
 from tools.trials.survey import Surveyed
 from tools.trials.survey import run as survey
+from tools.trials.wandering import Wandered
+from tools.trials.wandering import run as wandering
 
 
 def avoid(job: tuple[int, Any, Any]) -> Outcome:
@@ -32,3 +34,8 @@ def cover(job: tuple[int, Any]) -> Surveyed:
 def find(job: tuple[int]) -> Found:
     """(seed,)"""
     return moving(*job)
+
+
+def roam(job: tuple[int]) -> Wandered:
+    """(seed,)"""
+    return wandering(*job)
