@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from tools.trials.agreement import Agreed
+from tools.trials.agreement import run as agreement
 from tools.trials.avoidance import Outcome, run
 from tools.trials.moving import Found
 from tools.trials.moving import run as moving
@@ -39,3 +41,8 @@ def find(job: tuple[int]) -> Found:
 def roam(job: tuple[int]) -> Wandered:
     """(seed,)"""
     return wandering(*job)
+
+
+def agree(job: tuple[int]) -> Agreed:
+    """(seed,)"""
+    return agreement(*job)
