@@ -14,7 +14,7 @@ from tools.trials.feed import DiveFeed
 from tools.trials.scenario import ACROSS, open_water
 from tools.trials.survey import ALTITUDE, CELL, HALF, PERIOD, WAVE, light, make_world
 
-SIDE = 16.0  # m, of the square about the start in which ground counts
+SIDE = 24.0  # m, of the square about the start in which ground counts: all that is remembered, and a view more
 LONGEST = 120.0  # s
 
 
@@ -44,7 +44,7 @@ class Wandered:
 def run(seed: int, longest: float = LONGEST) -> Wandered:
     """A rig that looks down, without a bounded area."""
     world = make_world(seed)
-    scenario = open_water(seed, ACROSS, altitude=ALTITUDE + 0.1, seabed={"relief": 0.1})
+    scenario = open_water(seed, ACROSS, altitude=ALTITUDE + 0.1, seabed={"relief": 0.1, "margin": SIDE / 2 + 1.0})
     dive = world.make_plain(scenario)
     settings = BehaviourSettings(
         travel=None,
