@@ -10,11 +10,12 @@ import pytest
 from behaviours import kernels
 from behaviours.escape import Escape
 from behaviours.moving import Mover, Movers
-from behaviours.settings import EscapeSettings, TravelSettings, Vehicle
+from behaviours.safety import SafetyFilter
+from behaviours.settings import EscapeSettings, SafetySettings, TravelSettings, Vehicle
 from behaviours.situation import Situation
 from behaviours.space import Corridor, Nearby, Space
 from behaviours.travel import Travel
-from behaviours.types import Pose
+from behaviours.types import Command, Pose
 from garbi_map.log.records import Floats
 from tests.behaviour_parts import START, obeyed, pose, space, wall
 from tests.test_behaviours_space import sweep
@@ -133,3 +134,28 @@ def test_what_may_move_is_kept_in_view_and_waited_for() -> None:
     assert asked.command.surge == 0.0 and asked.command.yaw > 0.0 and "does it move" in asked.reason
     later = travel.propose(moment(replace(pose(0), stamp_ns=START + 10**9), None, open_water()))
     assert later.command.surge > 0.1
+
+
+def test_what_moves_nearer_and_was_not_seen_lately_is_looked_for() -> None:
+    """Abeam and not seen for six seconds: the bow comes round to it. What was just seen or moves away is left alone."""
+    at = replace(pose(0), stamp_ns=START + 6 * 10**9)
+
+    def asked(seen_ns: int, velocity: tuple[float, float, float]) -> float:
+        mover = Mover(1, seen_ns, START, np.array([0.3, 2.2, 0.0]), np.array(velocity), 0.2, 3, 0.01)
+        travel = Travel(TravelSettings(goal=(3.0, 0.0, 0.0)), Vehicle())
+        proposal = travel.propose(moment(at, mover, open_water()))
+        return proposal.command.yaw if "looking for it" in proposal.reason else 0.0
+
+    assert asked(START, (0.0, -0.1, 0.0)) > 0.1
+    assert asked(at.stamp_ns, (0.0, -0.1, 0.0)) == 0.0
+    assert asked(START, (0.0, 0.1, 0.0)) == 0.0
+
+
+def test_safety_lets_by_what_leads_past_something_that_moves() -> None:
+    """What is leaving sideways, though it is nearer than the clearance, is not fled from; the same thing at rest is."""
+    filter_, corridor = SafetyFilter(Vehicle(), SafetySettings(), True, None), Corridor(3.0, 0.1, "nothing")
+    wanted, place = Command(surge=0.02), np.array([1.15, 0.3, 0.0])
+    leaving = Mover(1, START, START, place, np.array([0.0, 0.15, 0.0]), 0.2, 3, 0.01)
+    standing = replace(leaving, velocity=np.zeros(3))
+    assert filter_.filter(wanted, pose(0), NOTHING, corridor, [leaving], []).command == wanted
+    assert filter_.filter(wanted, pose(0), NOTHING, corridor, [standing], []).command.surge < -0.05
