@@ -10,6 +10,8 @@ from behaviours.situation import Situation
 from behaviours.types import Command, Proposal
 from garbi_map.log.records import Floats
 
+ABEAM = 0.8  # of a normal: neither surge nor heave leads away
+
 
 class Avoidance:
     """Activation rises as the nearest thing in the way of the motion comes nearer; the proposal points away from it. What
@@ -42,7 +44,10 @@ class Avoidance:
             words = f"an obstacle {corridor.length:.2f} m ahead"
             found.append((float(np.clip(activation, 0.0, 1.0)), np.array([1.0, 0.0, 0.0]), words))
         for distance, normal, unknown in zip(nearby.distance, nearby.normal, nearby.unknown, strict=True):
-            # What the way does not lead into matters only once it is close: the vehicle passes by.
+            # What the way does not lead into matters only once it is close: the vehicle passes by. And what lies abeam a
+            # vehicle without sway cannot back off from: to stop beside it is to let the water press it on; travel goes on.
+            if abs(normal[1]) > ABEAM:
+                continue
             activation = float(np.clip(2.0 - 2.0 * distance / settings.beside, 0.0, 1.0))
             if activation > 0.0 and not unknown:
                 found.append((activation, normal, f"an obstacle beside the hull at {max(distance, 0.0):.2f} m"))

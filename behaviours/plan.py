@@ -28,7 +28,8 @@ TRIED_PRICE = 3.0
 OFF_PRICE = 0.25  # for each layer off the goal's height
 OUTSIDE = 1.5  # price of a metre beyond the charts
 STEP, COUNT, SOON = 0.5, 24, 13  # s, number of steps of a rehearsal, and of those that must stay in what was seen
-WEIGHTS = np.array([1.0, 20.0, 0.15, 12.0, 6.0])  # way left, obstacle, wish, unseen, looking
+WEIGHTS = np.array([1.0, 60.0, 0.15, 12.0, 6.0])  # way left, obstacle, wish, unseen, looking
+HABIT = 0.2  # price, on surge and yaw each, of doing the contrary of what was done last
 AROUND = 12  # cells of two columns to each side of the vehicle, in which its turning is planned
 LOOK_AHEAD, LOOK_MOST = 2.5, 60  # m of the way, columns
 LOOKED_MOST = 20_000  # columns that are remembered
@@ -57,6 +58,7 @@ class Planner:
         self._circles = DISCS * spacing
         self._radius = float(np.hypot(spacing / 2, half[1]))
         self._half = half
+        self._habit = np.zeros(2)
         self._looked: dict[tuple[int, int], float] = {}
         self._model = np.array([0.5, 0.5, vehicle.sway_time, vehicle.skid])
 
@@ -82,7 +84,9 @@ class Planner:
             charts.occupied, charts.wary, charts.unseen, guide, 2 * charts.voxel, corner,
             self._circles, self._radius, margins, moving, look, view, WEIGHTS,
         )  # fmt: skip
+        price = price - HABIT * (np.sign(manoeuvres[:, :2]) == self._habit).sum(1)
         best = int(np.argmin(price))
+        self._habit = np.sign(manoeuvres[best, :2])
         surge, yaw, _, _, _, rise = manoeuvres[best]
         way, near, blind, seen = parts[best]
         words = f"{way:.1f} m of way would be left"
