@@ -46,9 +46,7 @@ class ClearWater(Settings):
 
     attenuation: Positive = 0.3  # worst beam attenuation of the light that still counts, 1/m
     darkest: Share = 0.35  # reflectance of the darkest surface relative to those seen lately
-    faintest: Positive = (
-        13.0  # grey levels at which half of a surface's rows show: enough to be hit (tools.trials agreement)
-    )
+    faintest: Positive = 13.0  # grey levels at which half of a surface's rows show (tools.trials agreement)
     believed: Positive = 4.0  # returns prove the water's clarity for this long, s
     farthest: Positive = 3.2  # never more than this, m along the optical axis
 
