@@ -141,7 +141,7 @@ def test_a_plan_is_kept_to_where_two_are_as_good() -> None:
     """Before a wall that can be gone round on both sides alike, the side does not change with every plan."""
     planner, volume, sides = Planner(Vehicle(), TravelSettings()), known(wall=1.9), []
     for n in range(12):
-        at = pose(0.5 * n, position=(0.0, 0.02 * (-1.0) ** n, 0.0))
+        at = pose(0.5 * n, position=(0.0, 0.1 * (-1.0) ** n, 0.0), heading=0.02 * (-1.0) ** n)
         got = planner.plan(volume, at, GOAL, np.zeros(2), [])
         assert got is not None
         sides.append(np.sign(got.yaw))
