@@ -159,6 +159,21 @@ def estimate_drift(
     return rounds, linearised(chosen[-1], common_normals)[0]
 
 
+@dataclass(frozen=True)
+class Matches:
+    """n . (m_i - m_j) = 0 for n matched surfels: residual (n,) m, 1 sigma (n,) m, what they touch, and where they are
+    (n, 3) m, map frame."""
+
+    residual: Floats
+    sigma: Floats
+    rows: Rows
+    place: Floats
+
+    def add_to(self, problem: NormalEquations) -> Floats:
+        """Adds them; returns the weights (n,)."""
+        return problem.add(self.residual, self.sigma, self.rows.runs, 2.0, self.rows.tail)
+
+
 def add_matches(
     problem: NormalEquations,
     motion: Motion,
@@ -171,7 +186,26 @@ def add_matches(
     changes: Changes | None = None,
     looks: int = 1,
 ) -> tuple[int, float]:
-    """Adds n . (m_i - m_j) = 0 for matched surfels; returns their number and median distance, m.
+    """Adds what matched surfels say of the motion; returns their number and median distance, m."""
+    matches = matched(motion, surfels, gate, reach, sigma, settled, normals, changes, looks)
+    if matches is None:
+        return 0, 0.0
+    matches.add_to(problem)
+    return len(matches.residual), float(np.median(np.abs(matches.residual)))
+
+
+def matched(
+    motion: Motion,
+    surfels: Surfels,
+    gate: float,
+    reach: float,
+    sigma: float,
+    settled: Surfels | None = None,
+    normals: Normals = summed_normals,
+    changes: Changes | None = None,
+    looks: int = 1,
+) -> Matches | None:
+    """What matched surfels say of the motion and of what else changes their points; None where there is no match.
 
     Both poses are unknown, but for a settled surfel's, which stays where it is. looks: how often the same points are
     matched, as surfels of several sizes.
@@ -184,7 +218,7 @@ def add_matches(
     useful = (first < moving) | (second < moving)
     first, second = first[useful], second[useful]
     if len(first) == 0:
-        return 0, 0.0
+        return None
     pair = surfels.sweep[first] * (surfels.sweep.max() + 1) + surfels.sweep[second]
     normal = normals(surfels.normal[first], surfels.normal[second], pair)
     between = surfels.mean[first] - surfels.mean[second]
@@ -204,10 +238,9 @@ def add_matches(
             out.constant(name, np.einsum("nk,nk->n", axes, move[np.minimum(index, moving - 1)]))
         return out
 
-    both = rows(first, 1.0) + rows(second, -1.0)
-    sigma = np.hypot(sigma, _LATERAL * lateral) * np.sqrt(looks * _repetition(first, second))
-    problem.add(residual, sigma, both.runs, 2.0, both.tail)
-    return len(first), float(np.median(np.abs(residual)))
+    sigmas = np.hypot(sigma, _LATERAL * lateral) * np.sqrt(looks * _repetition(first, second))
+    middle = 0.5 * (surfels.mean[first] + surfels.mean[second])
+    return Matches(residual, sigmas, rows(first, 1.0) + rows(second, -1.0), middle)
 
 
 def _map_axes(changes: Changes, motion: Motion, surfels: Surfels) -> dict[str, Floats]:
