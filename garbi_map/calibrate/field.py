@@ -1,25 +1,33 @@
-"""A rig checked, and corrected where it has to be, from an ordinary dive."""
+"""A rig checked, and corrected where it has to be, from an ordinary dive: from files to a file."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import tempfile
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
+from garbi_map.calibrate import files
 from garbi_map.calibrate.field_evidence import Finding, judge
 from garbi_map.calibrate.field_joint import Joint
-from garbi_map.calibrate.field_rig import RigUnknowns
+from garbi_map.calibrate.field_limits import refuse_dive, refuse_rig
+from garbi_map.calibrate.field_rig import RigUnknowns, unknowns
 from garbi_map.calibrate.field_views import UnknownScanner, load_views
 from garbi_map.calibrate.scanner import LATENCY
+from garbi_map.config import load_config
+from garbi_map.errors import GarbiError
 from garbi_map.log.records import Floats, Navigation
 from garbi_map.navigate import NavigationResult, navigate
 from garbi_map.navigate.settings import NavigateSettings
-from garbi_map.register import Registered, RegisterSettings
+from garbi_map.progress import Progress, Silent
+from garbi_map.register import Registered, RegisterSettings, Scanner, register
 from garbi_map.register.scanner import ENCODER
 from garbi_map.register.sensors import Sensors
 from garbi_map.register.timing import restamped
+from garbi_map.rig import Rig
 from garbi_map.sweep import Angle
 from garbi_map.sweep.store import SweepStore
 
@@ -32,38 +40,81 @@ class Registration:
     log: Navigation
     navigated: NavigationResult
     registered: Registered
+    rig: Rig
     angle: Angle
     settings: RegisterSettings
     navigate: NavigateSettings
 
 
+def calibrate_field(
+    logs: Sequence[Path],
+    output: Path,
+    rig_path: Path | None = None,
+    focal: bool = False,
+    index: bool = False,
+    span: tuple[float | None, float | None] = (None, None),
+    config_file: Path | None = None,
+    workers: int = 2,
+    progress: Progress | None = None,
+) -> tuple[Finding, list[str]]:
+    """Check the rig of a dive and write it, corrected where it has to be; returns what was found, and what was left out.
+
+    Raises GarbiError, with nothing written, where the dive cannot tell or the rig is beyond correction.
+    """
+    from garbi_map.pipeline import open_dive, sweeps_of
+
+    progress = progress or Silent()
+    config = load_config(config_file)
+    dive = open_dive(list(logs), config, rig_path, span)
+    where = str(logs[0])
+    if index and dive.rig.camera.port is None and dive.rig.laser.window is None:
+        raise GarbiError(f"{rig_path or where}: neither camera.port nor laser.window: the water's index bends no ray")
+    with tempfile.TemporaryDirectory(dir=output.resolve().parent, prefix=".garbi-field-") as work:
+        store = sweeps_of(dive, Path(work) / "sweeps", workers, progress)
+        refuse_dive(where, store, dive.navigation)
+        progress.stage("registration")
+        navigated = navigate(dive.navigation, config.navigate, store.stamps())
+        scanner = Scanner(dive.rig, dive.angle, dive.navigation.mount("rig"))
+        settings = config.registration
+        registered = register(store, dive.navigation, navigated, settings, config.navigate, progress.note, scanner)
+        progress.stage("rig and motion")
+        placed = Registration(
+            store, dive.navigation, navigated, registered, dive.rig, dive.angle, settings, config.navigate
+        )
+        motor = len(dive.angle.turns_ns) > 0
+        found, solved = find(placed, unknowns(dive.rig, motor, focal, index), progress.note)
+        refuse_rig(where, placed.registered, found, solved)
+    files.write_aside(output, files.field_document(found, dive.rig, where).encode())
+    return found, dive.left_out
+
+
 def find(
-    dive: Registration, unknowns: RigUnknowns, progress: Callable[[str], None] = lambda _: None
+    dive: Registration, unknown: RigUnknowns, progress: Callable[[str], None] = lambda _: None
 ) -> tuple[Finding, list[Joint]]:
-    """What a dive says of its rig; and rig and motion as they fit each stretch of it, the last stretch last."""
+    """What a dive says of its rig; and rig and motion as they fit each stretch of it."""
     stamps = dive.store.stamps()
     clocks = [offset for offset in dive.registered.clocks if offset.name != ENCODER and offset.state == "applied"]
     right = restamped(dive.log, clocks)
     navigated = navigate(right, dive.navigate, stamps) if clocks else dive.navigated
     told = navigated.trajectory, navigated.inertial, navigated.attitude
-    scanner = UnknownScanner(unknowns, dive.angle, dive.log.mount("rig"))
+    scanner = UnknownScanner(unknown, dive.angle, dive.log.mount("rig"))
     drift = dive.settings.drift
     count = int(np.ceil((stamps[-1] - stamps[0]) * 1e-9 / drift.window))
     edges = np.linspace(stamps[0], stamps[-1], count + 1).astype(np.int64)
     solved = []
-    z = _start(unknowns, dive.store.latency)
+    z = _start(unknown, dive.store.latency)
     for number, (begin, end) in enumerate(pairwise(edges)):
-        progress(f"rig and motion, {number + 1} of {count}")
-        views = load_views(dive.store, unknowns.rig, int(begin), int(end), drift.window_points)
+        progress(f"stretch {number + 1} of {count}")
+        views = load_views(dive.store, dive.rig, int(begin), int(end), drift.window_points)
         sensors = Sensors(right, *told, dive.navigate, int(views.stamp_ns[0]))
         joint = Joint.begin(scanner, sensors, drift, views, dive.registered.trajectory, z)
         joint.solve()
         z = joint.z
         solved.append(joint)
-    return judge(unknowns, [joint.evidence() for joint in solved]), solved
+    return judge(unknown, [joint.evidence() for joint in solved]), solved
 
 
-def _start(unknowns: RigUnknowns, latency: float) -> Floats:
+def _start(unknown: RigUnknowns, latency: float) -> Floats:
     """Nothing is wrong but the latency that is known of."""
-    offsets = np.array([latency if name == LATENCY else 0.0 for name in unknowns.names])
-    return np.linalg.solve(unknowns.root, offsets)
+    offsets = np.array([latency if name == LATENCY else 0.0 for name in unknown.names])
+    return np.linalg.solve(unknown.root, offsets)

@@ -28,11 +28,13 @@ class Finding:
 
     estimate (k,) and covariance (k, k): of what is to be added to them if all of them may be wrong, prior included;
     changed (k,): those that have to change; correction (k,): what to add to them, zero for the others;
-    held_out: median distance between matched surfels of places held out, m, with the rig as given and corrected;
+    stretches: what they rest on; held_out: median distance between matched surfels of places held out, m, with the rig as
+    given and corrected;
     better: by how many standard errors these places fit better.
     """
 
     unknowns: RigUnknowns
+    stretches: tuple[Evidence, ...]
     estimate: Floats
     covariance: Floats
     changed: tuple[bool, ...]
@@ -50,17 +52,34 @@ class Finding:
         """Whether something is to be changed, and places that had no say in it agree."""
         return any(self.changed) and self.better > _BETTER
 
+    @property
+    def corrections(self) -> dict[str, float]:
+        """What is to be added to which parameters; nothing where nothing is offered."""
+        every = zip(self.unknowns.names, self.correction.tolist(), self.changed, strict=True)
+        return {name: value for name, value, changed in every if changed and self.offered}
+
+    @property
+    def applied(self) -> Floats:
+        """(k,) the same as z of the unknowns."""
+        offered = np.array([self.corrections.get(name, 0.0) for name in self.unknowns.names])
+        return np.linalg.solve(self.unknowns.root, offered)
+
 
 def judge(unknowns: RigUnknowns, stretches: Sequence[Evidence]) -> Finding:
     """What all stretches of a dive together say."""
-    whole = _Cost.of(unknowns, sum(one.information for one in stretches), sum(one.pull for one in stretches))
+    whole = _Cost.of(
+        unknowns,
+        np.sum([one.information for one in stretches], axis=0),
+        np.sum([one.pull for one in stretches], axis=0),
+    )
     everything = tuple(True for _ in unknowns.names)
     changed = whole.fewest()
     before, after, better = _held_out(unknowns, stretches, changed)
     return Finding(
         unknowns,
+        tuple(stretches),
         whole.least(everything),
-        np.linalg.inv(whole.information),
+        np.asarray(np.linalg.inv(whole.information), np.float64),
         changed,
         whole.least(changed),
         (before, after),

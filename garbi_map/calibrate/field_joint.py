@@ -7,9 +7,10 @@ way. Each round triangulates all points anew with the rig as it is known by then
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from garbi_map.calibrate.field_views import UnknownScanner, Views
@@ -24,13 +25,16 @@ from garbi_map.register.normals import Normals, common_normals, summed_normals
 from garbi_map.register.sensors import Sensors
 from garbi_map.register.settings import DriftSettings
 
-ROUNDS = 12
-_COARSE = 4
+ROUNDS = 13
+_COARSE = 3
 """Of them, the first, in which hardly a match is doubted: those that contradict the given rig are the ones that count, and
 a robust kernel that is narrow from the beginning keeps what suits that rig."""
-_FINE = 3
+_FINE = 5
 """Of them, the last, with surfels of two sizes as in the last rounds of the drift estimate."""
 _SIZES = (1.0, 0.6)
+_SPREAD = np.array([0.8191725, 0.6710436, 0.5497005])
+"""Of a voxel, by which the next voxels lie elsewhere (Roberts' quasi-random sequence): which points share a voxel is noise
+that would otherwise follow the motion about, and hold it where it is."""
 _FIRST_GATE = 0.06
 """m between matched surfels in the first round: the motion has been found with the given rig, and bends with it."""
 _FIRST_SIGMA = 0.01
@@ -84,6 +88,7 @@ class Joint:
     views: Views
     motion: Motion
     factors: list[Factor]
+    _corner: Floats = field(default_factory=lambda: np.zeros(3))
 
     @classmethod
     def begin(
@@ -158,9 +163,13 @@ class Joint:
             moved = self.scanner.changes(points, self._stamps(t), z)
             return {f"rig_{j}": moved[:, :, j] for j in range(len(z))}
 
-        for fraction in _SIZES if fine else (1.0,):
-            surfels = scans.surfels(self.motion, size * fraction, settings.surfel_points)
-            looks = len(_SIZES) if fine else 1
+        sizes = _SIZES if fine else (1.0,)
+        for fraction in sizes:
+            voxel = size * fraction
+            corner = voxel * ((self._corner + _SPREAD) % 1.0)
+            self._corner = self._corner + _SPREAD
+            surfels = scans.surfels(self.motion, voxel, settings.surfel_points, corner)
+            looks = len(sizes)
             found = matched(self.motion, surfels, gate, np.inf, sigma, None, normals, changes, looks)
             if found is not None:
                 yield found
@@ -213,6 +222,6 @@ def _between(first: float, last: float, k: int) -> float:
     return float(first ** (1.0 - share) * last**share)
 
 
-def _part(matches: Matches, which: Floats) -> Matches:
+def _part(matches: Matches, which: NDArray) -> Matches:
     rows = matches.rows.part(which)
     return Matches(matches.residual[which], matches.sigma[which], rows, matches.place[which])

@@ -99,7 +99,7 @@ def unknowns(
         along /= np.linalg.norm(along)
         across = np.eye(len(names)) - np.outer(along, along)
         covariance = across @ covariance @ across + _HELD**2 * np.outer(along, along)
-    return RigUnknowns(rig, names, np.linalg.cholesky(covariance))
+    return RigUnknowns(rig, names, np.asarray(np.linalg.cholesky(covariance), np.float64))
 
 
 def known_covariance(rig: Rig, names: Sequence[str]) -> Floats:

@@ -77,28 +77,32 @@ class UnknownScanner:
     def changes(self, points: Floats, stamp_ns: Stamps, z: Floats) -> Floats:
         """By how much points (n, 3) in base_link, made with z, at stamps (n,), move with a unit of each correction.
 
-        (n, 3, k) m; zero where the rig does not see the point.
+        (n, 4, k): m, and last the share by which their noise grows, that of a column's error in the image; zero where the
+        rig does not see the point.
         """
         unknowns = self.unknowns
         rig, given = unknowns.at(z), unknowns.offsets(z)
-        pixels = rig.project(self._turn.inv().apply(points - self.mount.translation))
+        u, v = rig.project(self._turn.inv().apply(points - self.mount.translation)).T
         times, which = np.unique(stamp_ns // _SAME_NS, return_inverse=True)
         times = times * _SAME_NS + self._late_ns(z)
         alpha, before, after = (self.angle.at(times + k * _MOMENT_NS)[0][which] for k in (0, -1, 1))
-        out = np.zeros((len(points), 3, len(unknowns.names)))
+        out = np.zeros((len(points), 4, len(unknowns.names)))
         for k, (name, sigma) in enumerate(zip(unknowns.names, unknowns.sigma, strict=True)):
             if name == LATENCY:
                 rate = (after - before) / (2e-9 * _MOMENT_NS)
-                out[:, :, k] = rig.triangulate(*pixels.T, alpha).d_dalpha * rate[:, None]
+                out[:, :3, k] = rig.triangulate(u, v, alpha).d_dalpha * rate[:, None]
                 continue
-            step = max(_STEP * sigma, 1e-6)
+            step = max(_STEP * float(sigma), 1e-6)
             low, high = (
-                unknowns.changed(given | {name: given[name] + side * step}).triangulate(*pixels.T, alpha).points
+                unknowns.changed(given | {name: given[name] + side * step}).triangulate(u, v, alpha)
                 for side in (-1.0, 1.0)
             )
-            out[:, :, k] = (high - low) / (2.0 * step)
-        turned = np.einsum("ij,njk->nik", self._turn.as_matrix(), np.nan_to_num(out))
-        return turned @ unknowns.root
+            out[:, :3, k] = (high.points - low.points) / (2.0 * step)
+            grown = np.linalg.norm(high.d_du, axis=1) / np.linalg.norm(low.d_du, axis=1)
+            out[:, 3, k] = np.log(grown) / (2.0 * step)
+        out = np.nan_to_num(out, posinf=0.0, neginf=0.0)
+        out[:, :3] = np.einsum("ij,njk->nik", self._turn.as_matrix(), out[:, :3])
+        return np.asarray(out @ unknowns.root)
 
     @property
     def _turn(self) -> Rotation:

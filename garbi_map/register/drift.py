@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -68,9 +68,13 @@ class Scans:
             points = points + constants.number(name) * change
         return points
 
-    def surfels(self, motion: Motion, size: float, fewest: int) -> Surfels:
-        """Surfels of every sweep as the motion has them; two threads take half of the sweeps each."""
-        matrix, viewpoint = motion.rotation(self.time).as_matrix(), motion.position(self.time)
+    def surfels(self, motion: Motion, size: float, fewest: int, corner: Floats | None = None) -> Surfels:
+        """Surfels of every sweep as the motion has them; two threads take half of the sweeps each.
+
+        corner (3,) m: of one of the voxels, if it is not the map's origin.
+        """
+        corner = np.zeros(3) if corner is None else corner
+        matrix, viewpoint = motion.rotation(self.time).as_matrix(), motion.position(self.time) - corner
         known = self.as_known(motion.constants)
 
         def part(points: slice) -> Surfels:
@@ -79,7 +83,8 @@ class Scans:
             return extract_surfels(placed, self.sigma[points], profile, self.time, self.sweep, viewpoint, size, fewest)
 
         with ThreadPoolExecutor(2) as pool:
-            return join(*pool.map(part, self._halves))
+            found = join(*pool.map(part, self._halves))
+        return replace(found, mean=found.mean + corner)
 
     @cached_property
     def _halves(self) -> tuple[slice, slice]:
@@ -235,7 +240,10 @@ def matched(
         arm = surfels.mean[index] - motion.position(t)
         out = motion.rows(t).position(axes).rotation(np.cross(arm, axes) + np.where(free, turning, 0.0))
         for name, move in moves.items():
-            out.constant(name, np.einsum("nk,nk->n", axes, move[np.minimum(index, moving - 1)]))
+            move = move[np.minimum(index, moving - 1)]
+            out.constant(name, np.einsum("nk,nk->n", axes, move[:, :3]))
+            if move.shape[1] > 3:
+                out.constant(name, np.where(free[:, 0], -0.5 * residual * move[:, 3], 0.0))
         return out
 
     sigmas = np.hypot(sigma, _LATERAL * lateral) * np.sqrt(looks * _repetition(first, second))
@@ -244,11 +252,12 @@ def matched(
 
 
 def _map_axes(changes: Changes, motion: Motion, surfels: Surfels) -> dict[str, Floats]:
-    """How the constants move the surfels (n, 3), map axes."""
+    """How the constants move the surfels (n, 3), map axes, and what comes after (n, 0 or 1), as it is."""
     t = np.clip(surfels.time, motion.begin, motion.end)
     rotation = motion.rotation(t)
     body = rotation.inv().apply(surfels.mean - motion.position(t))
-    return {name: rotation.apply(change) for name, change in changes(body, t).items()}
+    changed = changes(body, t).items()
+    return {name: np.column_stack([rotation.apply(change[:, :3]), change[:, 3:]]) for name, change in changed}
 
 
 def _repetition(first: Ints, second: Ints) -> Floats:
