@@ -13,11 +13,17 @@ from scipy.spatial.transform import Rotation
 from synthetic_navigation import BEGIN_NS
 
 from garbi_map.log.records import Encoder, Mount
+from garbi_map.navigate import NavigateSettings, navigate
 from garbi_map.outputs import drift_notes
 from garbi_map.register.agreement import Agreement
 from garbi_map.register.constants import Constant, Constants, Learnt, learnt
+from garbi_map.register.drift import Round, estimate_drift
+from garbi_map.register.motion import Motion
 from garbi_map.register.scanner import Scanner
+from garbi_map.register.sensors import Sensors
+from garbi_map.register.settings import DriftSettings
 from garbi_map.register.timing import Offset, judged, restamped
+from garbi_map.register.windows import load_scans
 from garbi_map.sweep import LaserAngle, SweepSettings
 from garbi_map.sweep.retime import retimed
 from garbi_map.sweep.types import Sweep
@@ -31,7 +37,7 @@ class FloorScanner:
     """The scanner of `scanned_floor`: its angle turns the rays about the rig's y axis."""
 
     def constants(self) -> list[Constant]:
-        return [Constant("encoder_latency", 0.025, "s")]
+        return [Constant("encoder_latency", 0.025, "s", patient=True)]
 
     def changes(self, points: np.ndarray, stamp_ns: np.ndarray) -> dict[str, np.ndarray]:
         turn = Rotation.from_quat(MOUNTS["rig"].quaternion)
@@ -72,6 +78,28 @@ def test_clocks_that_agree_are_left_alone(one):
     }  # fmt: skip
     assert all(offset.state != "applied" for offset in registered.clocks)
     assert all(abs(offset.value) < 4 * offset.sigma for offset in registered.clocks)
+
+
+def test_clocks_wait_until_the_motion_is_known(one):
+    """The first rounds, whose matches are decimetres apart, leave the clocks alone; the last ones may move them."""
+    navigated = navigate(one.log, NavigateSettings(), one.store.stamps())
+    known = (navigated.trajectory, navigated.inertial, navigated.attitude, NavigateSettings())
+    sensors = Sensors(shifted(one, "imu", 0.02).log, *known, int(one.store.stamps()[0]), FloorScanner(), clocks=True)
+    settings = DriftSettings()
+    scans = load_scans(one.store, one.log.mount("rig"), sensors, 0.0, 16.0, 100_000)
+    knots = settings.position_knots, sensors.attitude_knots(settings)
+    motion = Motion(0.0, 16.0, sensors.prior_attitude, *knots, sensors.constants())
+    factors = sensors.factors(0.0, 16.0, settings, np.zeros(3))
+    clocks: list[np.ndarray] = []
+
+    def note(_: Round) -> None:
+        clocks.append(motion.constants.value[motion.constants.patient].copy())
+
+    estimate_drift(scans, motion, factors, settings, near_only=True, progress=note)
+    moved = np.abs(clocks).max(axis=1)
+    assert motion.constants.patient.size == 4
+    assert moved[:5].max() < 2e-4
+    assert moved[-1] > 5e-3
 
 
 @pytest.mark.parametrize(("sensor", "late"), [("imu", 0.05), ("dvl", -0.05)])

@@ -13,12 +13,16 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Constant:
-    """An unknown of `width` numbers that are near zero: sigma is their prior's, each, in `unit`."""
+    """An unknown of `width` numbers that are near zero: sigma is their prior's, each, in `unit`.
+
+    patient: stays as it is while the motion is known to decimetres only and any constant would take the blame for it.
+    """
 
     name: str
     sigma: float
     unit: str
     width: int = 1
+    patient: bool = False
 
 
 class Constants:
@@ -31,6 +35,7 @@ class Constants:
         self._places = {one.name: slice(int(ends[k]), int(ends[k + 1])) for k, one in enumerate(declared)}
         self.value = np.zeros(int(ends[-1]))
         self.sigma = np.repeat([one.sigma for one in declared], widths).astype(float)
+        self.patient = np.flatnonzero(np.repeat([one.patient for one in declared], widths))
 
     def __contains__(self, name: str) -> bool:
         return name in self._places

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from garbi_map.navigate.kernels import place_points
 from garbi_map.register.constants import Constants
-from garbi_map.register.factors import Calm, Factor
+from garbi_map.register.factors import Calm, Factor, Patience
 from garbi_map.register.motion import Motion, Rows
 from garbi_map.register.normal_equations import NormalEquations
 from garbi_map.register.normals import Normals, common_normals, summed_normals
@@ -36,6 +36,9 @@ _NEAR = 9
 """Rounds that stay near in time: what they find is true locally, wherever the vehicle is."""
 _RESTRAINED = 4
 """Rounds in which a prior on the velocity keeps the inertial solution from running away."""
+_PATIENCE = 6
+"""Rounds before clocks have a say: earlier ones, of few matches and many false, would set them wrong by tens of
+milliseconds, from where matches of nearest neighbours bring them back slowly."""
 _FINE = (1.0, 0.6)
 """Sizes of the surfels of the last rounds: large ones are surer of their normal, small ones follow the relief."""
 _LATERAL = 0.03
@@ -125,7 +128,7 @@ def estimate_drift(
     gates = np.r_[np.geomspace(settings.coarse_gate, settings.gate, count - 2), [settings.gate] * 2]
     sizes = np.r_[np.linspace(settings.coarse_surfel_size, settings.surfel_size, count - 4), [settings.surfel_size] * 4]
     sigmas = np.r_[np.geomspace(settings.coarse_match_sigma, settings.match_sigma, count - 1), settings.match_sigma]
-    restraint = Calm(settings.attitude_knots / 2, 0.15, derivative=1)
+    restraint, patience = Calm(settings.attitude_knots / 2, 0.15, derivative=1), Patience()
 
     def linearised(k: int, normals: Normals) -> tuple[NormalEquations, int, float]:
         problem = NormalEquations(motion.size)
@@ -133,6 +136,8 @@ def estimate_drift(
             factor.add(problem, motion)
         if k < _RESTRAINED:
             restraint.add(problem, motion)
+        if k < _PATIENCE:
+            patience.add(problem, motion)
         matches, distance = 0, 0.0
         fractions = _FINE if k >= count - 4 else (1.0,)
         for fraction in fractions:

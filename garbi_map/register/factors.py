@@ -287,6 +287,20 @@ class Nominal:
         """Nothing to learn."""
 
 
+class Patience:
+    """Constants that are to wait stay as they are."""
+
+    sigma = 1e-3
+
+    def add(self, problem: NormalEquations, motion: Motion) -> None:
+        waiting = motion.constants.patient
+        columns, sigma = motion.constants_columns[waiting], self.sigma * motion.constants.sigma[waiting]
+        problem.add(np.zeros(len(waiting)), sigma, [], tail=Tail(columns, np.eye(len(waiting))))
+
+    def reestimate(self, motion: Motion) -> None:
+        """Nothing to learn."""
+
+
 class Anchor:
     """Where an earlier window has already put the vehicle: time (n,), position (n, 3) m, rotation map <- base_link."""
 

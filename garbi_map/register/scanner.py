@@ -43,7 +43,7 @@ class Scanner:
 
     def constants(self) -> list[Constant]:
         """What is unknown of it: a laser that never turns back hides the encoder's latency in the vehicle's motion."""
-        return [Constant(ENCODER, LATENCY_SIGMA, "s")] if len(self.angle.turns_ns) else []
+        return [Constant(ENCODER, LATENCY_SIGMA, "s", patient=True)] if len(self.angle.turns_ns) else []
 
     def changes(self, points: Floats, stamp_ns: Stamps) -> dict[str, Floats]:
         """By how much points (n, 3) in base_link, seen at stamps (n,), move with a unit of each constant."""

@@ -138,7 +138,8 @@ class Sensors:
         if self.clocks:
             # without a gyro the motion between the sweeps is too free to time anything against
             timed = {"imu": self.gyro, "dvl": self.log.dvl, "pressure": self.log.pressure} if self.gyro else {}
-            out += [Constant(f"{name}_clock", CLOCK_SIGMA, "s") for name, record in timed.items() if record is not None]
+            known = [name for name, record in timed.items() if record is not None]
+            out += [Constant(f"{name}_clock", CLOCK_SIGMA, "s", patient=True) for name in known]
         return out + self._scanner_constants()
 
     def _scanner_constants(self) -> list[Constant]:
