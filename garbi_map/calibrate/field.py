@@ -82,8 +82,8 @@ def calibrate_field(
             store, dive.navigation, navigated, registered, dive.rig, dive.angle, settings, config.navigate
         )
         motor = len(dive.angle.turns_ns) > 0
-        found, solved = find(placed, unknowns(dive.rig, motor, focal, index), progress.note)
-        refuse_rig(where, placed.registered, found, solved)
+        found, _ = find(placed, unknowns(dive.rig, motor, focal, index), progress.note)
+        refuse_rig(where, placed.registered, found)
     files.write_aside(output, files.field_document(found, dive.rig, where).encode())
     return found, dive.left_out
 
@@ -93,25 +93,30 @@ def find(
 ) -> tuple[Finding, list[Joint]]:
     """What a dive says of its rig; and rig and motion as they fit each stretch of it."""
     stamps = dive.store.stamps()
-    clocks = [offset for offset in dive.registered.clocks if offset.name != ENCODER and offset.state == "applied"]
-    right = restamped(dive.log, clocks)
-    navigated = navigate(right, dive.navigate, stamps) if clocks else dive.navigated
-    told = navigated.trajectory, navigated.inertial, navigated.attitude
-    scanner = UnknownScanner(unknown, dive.angle, dive.log.mount("rig"))
-    drift = dive.settings.drift
-    count = int(np.ceil((stamps[-1] - stamps[0]) * 1e-9 / drift.window))
+    count = int(np.ceil((stamps[-1] - stamps[0]) * 1e-9 / dive.settings.drift.window))
     edges = np.linspace(stamps[0], stamps[-1], count + 1).astype(np.int64)
-    solved = []
+    solved: list[Joint] = []
     z = _start(unknown, dive.store.latency)
     for number, (begin, end) in enumerate(pairwise(edges)):
         progress(f"stretch {number + 1} of {count}")
-        views = load_views(dive.store, dive.rig, int(begin), int(end), drift.window_points)
-        sensors = Sensors(right, *told, dive.navigate, int(views.stamp_ns[0]))
-        joint = Joint.begin(scanner, sensors, drift, views, dive.registered.trajectory, z)
+        joint = begin_joint(dive, unknown, int(begin), int(end), z)
         joint.solve()
         z = joint.z
         solved.append(joint)
     return judge(unknown, [joint.evidence() for joint in solved]), solved
+
+
+def begin_joint(dive: Registration, unknown: RigUnknowns, begin_ns: int, end_ns: int, z: Floats) -> Joint:
+    """Rig and motion over a stretch of a dive, as they have been found with the rig as given, corrected by z."""
+    clocks = [offset for offset in dive.registered.clocks if offset.name != ENCODER and offset.state == "applied"]
+    right = restamped(dive.log, clocks)
+    navigated = navigate(right, dive.navigate, dive.store.stamps()) if clocks else dive.navigated
+    told = navigated.trajectory, navigated.inertial, navigated.attitude
+    drift = dive.settings.drift
+    views = load_views(dive.store, dive.rig, begin_ns, end_ns, drift.window_points)
+    sensors = Sensors(right, *told, dive.navigate, int(views.stamp_ns[0]))
+    scanner = UnknownScanner(unknown, dive.angle, dive.log.mount("rig"), dive.store.latency)
+    return Joint.begin(scanner, sensors, drift, views, dive.registered.trajectory, z)
 
 
 def _start(unknown: RigUnknowns, latency: float) -> Floats:

@@ -25,6 +25,8 @@ from garbi_map.register.normals import Normals, common_normals, summed_normals
 from garbi_map.register.sensors import Sensors
 from garbi_map.register.settings import DriftSettings
 
+ACCELEROMETER_SCALE = 0.02
+"""1 sigma: what a rig does to ranges looks like a scale, and few accelerometers know theirs."""
 ROUNDS = 13
 _COARSE = 3
 """Of them, the first, in which hardly a match is doubted: those that contradict the given rig are the ones that count, and
@@ -103,7 +105,8 @@ class Joint:
         """About a path of base_link that covers the views."""
         time = sensors.seconds(views.stamp_ns)
         names = [f"rig_{k}" for k in range(len(z))]
-        constants = [*sensors.constants(), *(Constant(name, 1.0, "1") for name in names)]
+        scale = Constant("accelerometer_scale", ACCELEROMETER_SCALE, "1")
+        constants = [*sensors.constants(), scale, *(Constant(name, 1.0, "1") for name in names)]
         knots = settings.position_knots, sensors.attitude_knots(settings)
         motion = Motion(float(time[0]), float(time[-1]), sensors.prior_attitude, *knots, constants)
         t = motion.instants(_PATH_STEP)
@@ -128,24 +131,26 @@ class Joint:
                 factor.reestimate(self.motion)
 
     def evidence(self) -> Evidence:
-        """What the solved stretch says of the rig, and what places held out would have said."""
+        """What the solved stretch says of the rig, and what places held out would have said; none of it without matches."""
         matches = list(self._matches(ROUNDS - 1, common_normals))
-        whole = self._problem(matches)
+        if not matches:
+            nothing = np.zeros(len(self.z))
+            return Evidence(np.diag(nothing), nothing, (), float("nan"), 0)
+        found = _Response(self._problem(matches), self.z)
         regions = [np.floor(part.place[:, :2] / _REGION).astype(np.int64) for part in matches]
         colours = [region.sum(axis=1) % 2 for region in regions]
         held_out = []
         for colour in (0, 1):
             others = [_part(part, own != colour) for part, own in zip(matches, colours, strict=True)]
-            train = self._problem(others)
-            response = _Response(train, self.z)
+            response = _Response(self._problem(others), self.z)
             # one size of surfels is enough to be looked at
             seen = np.flatnonzero(colours[0] == colour)
             seen = seen[:: max(1, -(-len(seen) // _MOST_HELD_OUT))]
             offset, slope = response.predicted(_part(matches[0], seen))
             region = regions[0][seen] @ np.array([1 << 20, 1])
-            held_out.append(HeldOut(response.information, response.pull, offset, slope, matches[0].sigma[seen], region))
-        found = _Response(whole, self.z)
-        distance = float(np.median(np.abs(matches[0].residual))) if matches else float("nan")
+            sigma = matches[0].sigma[seen]
+            held_out.append(HeldOut(response.information, response.pull, offset, slope, sigma, region))
+        distance = float(np.median(np.abs(matches[0].residual)))
         return Evidence(found.information, found.pull, tuple(held_out), distance, len(matches[0].residual))
 
     def _matches(self, k: int, normals: Normals) -> Iterator[Matches]:

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from garbi_map.calibrate.field_evidence import Finding
-from garbi_map.calibrate.field_joint import Joint
 from garbi_map.errors import GarbiError
 from garbi_map.log.records import Floats, Navigation
 from garbi_map.navigate import Trajectory
@@ -32,7 +29,7 @@ def refuse_dive(where: str, store: SweepStore, log: Navigation) -> None:
         raise GarbiError(f"{where}: no IMU: a turning that no sensor tells can pass for anything that a rig does")
 
 
-def refuse_rig(where: str, registered: Registered, found: Finding, solved: Sequence[Joint]) -> None:
+def refuse_rig(where: str, registered: Registered, found: Finding) -> None:
     """Raises GarbiError for what turns out to be too little, or too wrong."""
     evidence = found.stretches
     matches = sum(one.matches for one in evidence)

@@ -47,6 +47,11 @@ class RigUnknowns:
     root: Floats
 
     @property
+    def scale(self) -> tuple[str, ...]:
+        """Those that are held, for they are the metric scale."""
+        return tuple(name for name, sigma in zip(self.names, self.sigma, strict=True) if sigma < 0.5 * SLIP[name])
+
+    @property
     def sigma(self) -> Floats:
         """(k,) 1 sigma of each parameter beforehand, in its unit."""
         return np.sqrt(np.einsum("ij,ij->i", self.root, self.root))
@@ -54,10 +59,6 @@ class RigUnknowns:
     def offsets(self, z: Floats) -> dict[str, float]:
         """What is added to each parameter."""
         return dict(zip(self.names, (self.root @ z).tolist(), strict=True))
-
-    def latency(self, z: Floats) -> float:
-        """s by which the encoder's stamps are late."""
-        return self.offsets(z).get(LATENCY, 0.0)
 
     def at(self, z: Floats) -> Rig:
         """The corrected rig."""

@@ -62,11 +62,15 @@ def load_views(store: SweepStore, rig: Rig, begin_ns: int, end_ns: int, most: in
 
 @dataclass(frozen=True)
 class UnknownScanner:
-    """A scanner whose rig is known but for some corrections z (k,), on its vehicle."""
+    """A scanner whose rig is known but for some corrections z (k,), on its vehicle.
+
+    latency: s by which the encoder's stamps are late where that is not among the corrections.
+    """
 
     unknowns: RigUnknowns
     angle: Angle
     mount: Mount
+    latency: float = 0.0
 
     def points(self, views: Views, z: Floats) -> Floats:
         """The points (n, 3) m in base_link that the corrected rig makes of the views; NaN where it makes none."""
@@ -109,4 +113,4 @@ class UnknownScanner:
         return Rotation.from_quat(self.mount.quaternion)
 
     def _late_ns(self, z: Floats) -> int:
-        return round(self.unknowns.latency(z) * 1e9)
+        return round(self.unknowns.offsets(z).get(LATENCY, self.latency) * 1e9)

@@ -56,6 +56,8 @@ def _verdict(found: Finding, k: int, changed: bool) -> str:
         return "corrected"
     if found.changed[k]:
         return "not confirmed by places held out: kept"
+    if found.unknowns.names[k] in found.unknowns.scale:
+        return "held: metric scale"
     return "agrees: kept" if found.sigma[k] < SEEN * found.unknowns.sigma[k] else "not seen: kept"
 
 
@@ -64,7 +66,7 @@ def sentences(found: Finding) -> list[str]:
     unknowns = found.unknowns
     seen = found.sigma < SEEN * unknowns.sigma
     names = [name.removeprefix("laser.") for name in unknowns.names]
-    fixed = [f"{name} to {_size(unknowns.names[k], found.sigma[k])}" for k, name in enumerate(names) if seen[k]]
+    fixed = [f"{name} to {amount(unknowns.names[k], found.sigma[k])}" for k, name in enumerate(names) if seen[k]]
     blind = [name for k, name in enumerate(names) if not seen[k]]
     lines = []
     if fixed:
@@ -94,9 +96,10 @@ def _given(unknowns: RigUnknowns) -> dict[str, float]:
     return values
 
 
-def _size(name: str, sigma: float) -> str:
+def amount(name: str, value: float) -> str:
+    """A value of a parameter, two digits, with its unit."""
     factor, unit = _SCALES.get(name) or _SCALES[unit_of(name)]
-    return f"{float(f'{factor * sigma:.2g}'):g} {'degrees' if unit == 'deg' else unit}".strip()
+    return f"{float(f'{factor * value:.2g}'):g} {'degrees' if unit == 'deg' else unit}".strip()
 
 
 def _list(words: list[str]) -> str:
