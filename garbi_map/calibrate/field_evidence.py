@@ -16,8 +16,8 @@ from garbi_map.log.records import Floats
 SEEN = 0.5
 """Share of the sigma beforehand below which a dive has told something of a parameter."""
 COMMON = {"laser.delta": np.deg2rad(0.025), LATENCY: 5e-5}
-"""1 sigma, rad and s, of what all matches of a dive have in common, and no count of them lessens: with right rigs, delta, which
-is hardly more than a scale of ranges, comes out that far off."""
+"""1 sigma, rad and s, of what all matches of a dive have in common, and no count of them lessens: with right rigs, delta,
+which is hardly more than a scale of ranges, comes out that far off."""
 _GAIN = 16.0
 """By how much the cost has to fall for a parameter to be changed: four of its sigmas, all else refitted."""
 _BETTER = 3.0
@@ -107,7 +107,7 @@ class _Cost:
         counted = back.T @ (information + np.eye(len(pull))) @ back
         estimate = np.linalg.solve(counted, back.T @ pull)
         common = np.diag([COMMON.get(name, 0.0) ** 2 for name in unknowns.names])
-        honest = np.linalg.inv(np.linalg.inv(counted) + common)
+        honest = np.asarray(np.linalg.inv(np.linalg.inv(counted) + common), np.float64)
         return cls(honest, honest @ estimate)
 
     def least(self, free: Sequence[bool]) -> Floats:
