@@ -25,6 +25,7 @@ class Dive:
     navigation: Navigation
     span_ns: tuple[int | None, int | None] = (None, None)
     losses: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
     timings: dict[str, float] = field(default_factory=dict)
 
     @property

@@ -108,7 +108,7 @@ def make_report(dive: Dive, store: SweepStore, built: Map) -> Report:
     entries = store.entries
     blank = sum(entry.blank for entry in entries)
     dark = [f"{many(blank, 'image')} without the laser: it was off, hidden or out of range"] if blank else []
-    left_out = [*dive.left_out, *dark, *built.navigated.report.get("notes", []), *drift_notes(built.registered)]
+    left_out = [*dive.left_out, *dark, *built.navigated.report.get("notes", []), *drift_notes(built.registered), *dive.notes]
     return Report(
         title=dive.paths[0].stem,
         created=datetime.now(UTC).isoformat(timespec="seconds"),

@@ -39,6 +39,8 @@ def build_map(
     finished stage that is worth keeping: the sweeps. `show` is given sweeps, path and points as they come.
     Raises GarbiError where the input cannot give a map, and where another run is writing into `out`.
     """
+    from garbi_map.calibrate.field import placed
+    from garbi_map.calibrate.field_check import rig_notes
     from garbi_map.outputs import write_outputs
 
     progress = progress or Silent()
@@ -63,6 +65,7 @@ def build_map(
             registered = register(
                 store, dive.navigation, navigated, config.registration, config.navigate, progress.note, scanner
             )
+            dive.notes += rig_notes(placed(dive, store, navigated, registered))
         show(registered.trajectory)
         with timed(dive, "seabed"):
             progress.stage("seabed", 2 * len(store))

@@ -18,6 +18,7 @@ from garbi_map.calibrate.field_rig import RigUnknowns, unknowns
 from garbi_map.calibrate.field_views import UnknownScanner, load_views
 from garbi_map.calibrate.scanner import LATENCY
 from garbi_map.config import load_config
+from garbi_map.dive import Dive
 from garbi_map.errors import GarbiError
 from garbi_map.log.records import Floats, Navigation
 from garbi_map.navigate import NavigationResult, navigate
@@ -78,14 +79,19 @@ def calibrate_field(
         settings = config.registration
         registered = register(store, dive.navigation, navigated, settings, config.navigate, progress.note, scanner)
         progress.stage("rig and motion")
-        placed = Registration(
-            store, dive.navigation, navigated, registered, dive.rig, dive.angle, settings, config.navigate
-        )
+        sure = placed(dive, store, navigated, registered)
         motor = len(dive.angle.turns_ns) > 0
-        found, _ = find(placed, unknowns(dive.rig, motor, focal, index), progress.note)
-        refuse_rig(where, placed.registered, found)
+        found, _ = find(sure, unknowns(dive.rig, motor, focal, index), progress.note)
+        refuse_rig(where, registered, found)
     files.write_aside(output, files.field_document(found, dive.rig, where).encode())
     return found, dive.left_out
+
+
+def placed(dive: Dive, store: SweepStore, navigated: NavigationResult, registered: Registered) -> Registration:
+    """What the pipeline knows of a dive once its sweeps are registered."""
+    config = dive.config
+    told = store, dive.navigation, navigated, registered
+    return Registration(*told, dive.rig, dive.angle, config.registration, config.navigate)
 
 
 def find(

@@ -6,7 +6,7 @@ way. Each round triangulates all points anew with the rig as it is known by then
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -122,9 +122,9 @@ class Joint:
         """(k,) the corrections as they are known."""
         return self.motion.constants.value[-len(self.scanner.unknowns.names) :].copy()
 
-    def solve(self) -> None:
-        """Moves motion and rig until the sweeps agree."""
-        for k in range(ROUNDS):
+    def solve(self, rounds: Iterable[int] = range(ROUNDS)) -> None:
+        """Moves motion and rig until the sweeps agree; rounds: those of the ROUNDS that are made."""
+        for k in rounds:
             problem = self._problem(list(self._matches(k, summed_normals)))
             self.motion.step(problem.solve())
             for factor in self.factors:
