@@ -55,7 +55,7 @@ def test_a_motor_that_slipped_is_found(garbi, dive, tmp_path):
 @pytest.mark.parametrize(
     ("seconds", "change", "says"),
     [
-        (3.0, lambda topic, at, message: message, "1 sweep"),
+        (1.2, lambda topic, at, message: message, "1 sweep"),
         (7.6, without(IMU), "no IMU"),
         (7.6, without(ENCODER), "encoder"),
     ],

@@ -9,9 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rigs import make_rig
+from scipy.stats import norm, wilcoxon
 from test_register_clocks import scanned
 
-from garbi_map.calibrate.field_evidence import _Cost, judge
+from garbi_map.calibrate.field_evidence import _Cost, judge, signed_rank
 from garbi_map.calibrate.field_joint import Evidence, HeldOut, _Response
 from garbi_map.calibrate.field_rig import FOCAL, INDEX, SLIP, RigUnknowns, unknowns
 from garbi_map.calibrate.field_views import UnknownScanner, Views
@@ -157,6 +158,16 @@ def test_a_right_rig_is_left_alone():
     found = judge(small(), [evidence(np.array([0.05, 0.0]), 1e6)])
     assert not any(found.changed) and not found.offered
     assert "agrees with this dive" in sentences(found)[-1]
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 10_000))
+def test_the_signed_rank_is_that_of_the_book(seed):
+    """Against scipy's normal approximation; no difference is no evidence."""
+    values = np.random.default_rng(seed).standard_t(2, size=50) + 0.3
+    known = wilcoxon(values, method="asymptotic", correction=False)
+    assert 2.0 * norm.sf(abs(signed_rank(values))) == pytest.approx(known.pvalue, rel=1e-6)
+    assert signed_rank(np.zeros(5)) == 0.0
 
 
 def test_stretches_of_a_dive_are_added():
