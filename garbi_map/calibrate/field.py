@@ -13,6 +13,7 @@ import numpy as np
 from garbi_map.calibrate import files
 from garbi_map.calibrate.field_evidence import Finding, judge
 from garbi_map.calibrate.field_joint import Joint
+from garbi_map.calibrate.field_known import Known, load_known
 from garbi_map.calibrate.field_limits import refuse_dive, refuse_rig
 from garbi_map.calibrate.field_rig import RigUnknowns, unknowns
 from garbi_map.calibrate.field_views import UnknownScanner, load_views
@@ -53,6 +54,7 @@ def calibrate_field(
     rig_path: Path | None = None,
     focal: bool = False,
     index: bool = False,
+    known_file: Path | None = None,
     span: tuple[float | None, float | None] = (None, None),
     config_file: Path | None = None,
     workers: int = 2,
@@ -66,6 +68,7 @@ def calibrate_field(
 
     progress = progress or Silent()
     config = load_config(config_file)
+    patches = () if known_file is None else load_known(known_file)
     dive = open_dive(list(logs), config, rig_path, span)
     where = str(logs[0])
     if index and dive.rig.camera.port is None and dive.rig.laser.window is None:
@@ -81,7 +84,9 @@ def calibrate_field(
         progress.stage("rig and motion")
         sure = placed(dive, store, navigated, registered)
         motor = len(dive.angle.turns_ns) > 0
-        found, _ = find(sure, unknowns(dive.rig, motor, focal, index), progress.note)
+        known = Known(patches, dive.log.begin_ns)
+        unknown = unknowns(dive.rig, motor, focal, index, baseline_held=not known.tells_lengths)
+        found, _ = find(sure, unknown, known, progress.note)
         refuse_rig(where, registered, found)
     files.write_aside(output, files.field_document(found, dive.rig, where).encode())
     return found, dive.left_out
@@ -95,7 +100,10 @@ def placed(dive: Dive, store: SweepStore, navigated: NavigationResult, registere
 
 
 def find(
-    dive: Registration, unknown: RigUnknowns, progress: Callable[[str], None] = lambda _: None
+    dive: Registration,
+    unknown: RigUnknowns,
+    known: Known | None = None,
+    progress: Callable[[str], None] = lambda _: None,
 ) -> tuple[Finding, list[Joint]]:
     """What a dive says of its rig; and rig and motion as they fit each stretch of it."""
     stamps = dive.store.stamps()
@@ -105,14 +113,14 @@ def find(
     z = _start(unknown, dive.store.latency)
     for number, (begin, end) in enumerate(pairwise(edges)):
         progress(f"stretch {number + 1} of {count}")
-        joint = begin_joint(dive, unknown, int(begin), int(end), z)
+        joint = begin_joint(dive, unknown, int(begin), int(end), z, known or Known())
         joint.solve()
         z = joint.z
         solved.append(joint)
     return judge(unknown, [joint.evidence() for joint in solved]), solved
 
 
-def begin_joint(dive: Registration, unknown: RigUnknowns, begin_ns: int, end_ns: int, z: Floats) -> Joint:
+def begin_joint(dive: Registration, unknown: RigUnknowns, begin_ns: int, end_ns: int, z: Floats, known: Known) -> Joint:
     """Rig and motion over a stretch of a dive, as they have been found with the rig as given, corrected by z."""
     clocks = [offset for offset in dive.registered.clocks if offset.name != ENCODER and offset.state == "applied"]
     right = restamped(dive.log, clocks)
@@ -122,7 +130,7 @@ def begin_joint(dive: Registration, unknown: RigUnknowns, begin_ns: int, end_ns:
     views = load_views(dive.store, dive.rig, begin_ns, end_ns, drift.window_points)
     sensors = Sensors(right, *told, dive.navigate, int(views.stamp_ns[0]))
     scanner = UnknownScanner(unknown, dive.angle, dive.log.mount("rig"), dive.store.latency)
-    return Joint.begin(scanner, sensors, drift, views, dive.registered.trajectory, z)
+    return Joint.begin(scanner, sensors, drift, views, dive.registered.trajectory, z, known.within(begin_ns, end_ns))
 
 
 def _start(unknown: RigUnknowns, latency: float) -> Floats:

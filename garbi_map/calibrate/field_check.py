@@ -7,6 +7,7 @@ import numpy as np
 from garbi_map.calibrate.field import Registration, begin_joint
 from garbi_map.calibrate.field_evidence import judge
 from garbi_map.calibrate.field_joint import ROUNDS
+from garbi_map.calibrate.field_known import Known
 from garbi_map.calibrate.field_rig import unknowns
 from garbi_map.calibrate.field_words import amount
 
@@ -28,7 +29,7 @@ def rig_notes(dive: Registration) -> list[str]:
         return []
     unknown = unknowns(dive.rig, motor=False)
     begin = int(dive.store.entries[0].begin_ns)
-    joint = begin_joint(dive, unknown, begin, begin + round(_LENGTH * 1e9), np.zeros(len(unknown.names)))
+    joint = begin_joint(dive, unknown, begin, begin + round(_LENGTH * 1e9), np.zeros(len(unknown.names)), Known())
     joint.solve(_ROUNDS)
     found = judge(unknown, [joint.evidence()])
     if not found.offered or found.gain < _SURE:

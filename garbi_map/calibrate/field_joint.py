@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
+from garbi_map.calibrate.field_known import UNKNOWN, Flat, Known, flats
 from garbi_map.calibrate.field_views import UnknownScanner, Views
 from garbi_map.log.records import Floats, Stamps
 from garbi_map.navigate import Trajectory
@@ -90,6 +91,7 @@ class Joint:
     views: Views
     motion: Motion
     factors: list[Factor]
+    known: list[Flat] = field(default_factory=list)
     _corner: Floats = field(default_factory=lambda: np.zeros(3))
 
     @classmethod
@@ -101,12 +103,14 @@ class Joint:
         views: Views,
         path: Trajectory,
         z: Floats,
+        known: Known,
     ) -> Joint:
         """About a path of base_link that covers the views."""
         time = sensors.seconds(views.stamp_ns)
         names = [f"rig_{k}" for k in range(len(z))]
         scale = Constant("accelerometer_scale", ACCELEROMETER_SCALE, "1")
-        constants = [*sensors.constants(), scale, *(Constant(name, 1.0, "1") for name in names)]
+        planes = [Constant(name, UNKNOWN, "rad, rad, m", 3) for name in known.names]
+        constants = [*sensors.constants(), scale, *planes, *(Constant(name, 1.0, "1") for name in names)]
         knots = settings.position_knots, sensors.attitude_knots(settings)
         motion = Motion(float(time[0]), float(time[-1]), sensors.prior_attitude, *knots, constants)
         t = motion.instants(_PATH_STEP)
@@ -115,7 +119,9 @@ class Joint:
         motion.constants.value[-len(z) :] = z
         start = motion.position(np.array([motion.begin]))[0]
         factors = sensors.factors(motion.begin, motion.end, settings, start)
-        return cls(scanner, sensors, settings, views, motion, factors)
+        joint = cls(scanner, sensors, settings, views, motion, factors)
+        joint.known = flats(known.patches, views, known.begin_ns, joint._placed)
+        return joint
 
     @property
     def z(self) -> Floats:
@@ -185,7 +191,22 @@ class Joint:
             factor.add(problem, self.motion)
         for part in matches:
             part.add_to(problem)
+        for flat in self.known:
+            views, z = self.views.part(flat.point), self.z
+            when, points = self._when(views), self.scanner.points(views, z)
+            moved = self.scanner.changes(points, self._stamps(when), z)
+            flat.add(problem, self.motion, when, points, views.sigma.astype(np.float64), moved)
         return problem
+
+    def _placed(self, which: NDArray[np.int64]) -> tuple[Floats, Floats]:
+        """Points (n, 3) and where base_link is then (n, 3), map frame."""
+        views = self.views.part(which)
+        when = self._when(views)
+        position = self.motion.position(when)
+        return position + self.motion.rotation(when).apply(self.scanner.points(views, self.z)), position
+
+    def _when(self, views: Views) -> Floats:
+        return self.sensors.seconds(views.stamp_ns)[views.profile]
 
     def _stamps(self, t: Floats) -> Stamps:
         return self.sensors.epoch_ns + np.round(t * 1e9).astype(np.int64)

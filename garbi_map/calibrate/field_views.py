@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,11 @@ class Views:
     profile: NDArray[np.int32]
     stamp_ns: Stamps
     sweep: NDArray[np.int64]
+
+    def part(self, which: NDArray[np.int64]) -> Views:
+        """Some of the points, of all profiles."""
+        chosen = {name: getattr(self, name)[which] for name in ("u", "v", "sigma", "profile")}
+        return replace(self, **chosen)
 
 
 def load_views(store: SweepStore, rig: Rig, begin_ns: int, end_ns: int, most: int) -> Views:

@@ -75,7 +75,8 @@ def sentences(found: Finding) -> list[str]:
     else:
         lines.append("this dive fixes nothing of the rig: its overlapping sweeps are alike whatever the rig is")
     length = float(np.linalg.norm(unknowns.rig.laser.apex - unknowns.rig.camera.centre))
-    lines.append(f"metric scale: the baseline of {1e3 * length:.1f} mm between camera and laser in the rig file, held")
+    told = f"the baseline of {1e3 * length:.1f} mm between camera and laser in the rig file, held"
+    lines.append(f"metric scale: {told if unknowns.scale else 'the height of a known patch'}")
     before, after = (1e3 * value for value in found.held_out)
     apart = f"{before:.3f} mm apart with the given rig, {after:.3f} mm with the corrected one"
     if found.offered:

@@ -95,6 +95,7 @@ def field(
     ] = None,
     focal: Annotated[bool, typer.Option("--focal", help="the focal length may be wrong, too")] = False,
     index: Annotated[bool, typer.Option("--index", help="the water's refractive index may be wrong, too")] = False,
+    known: Annotated[Path | None, typer.Option(help="YAML: what in the scene is flat, and how high")] = None,
     begin: Annotated[float | None, typer.Option("--from", help="begin this many seconds into the log")] = None,
     end: Annotated[float | None, typer.Option("--to", help="end this many seconds into the log")] = None,
     workers: Annotated[int, typer.Option(min=1, help="threads that decode images and find stripes")] = 2,
@@ -106,7 +107,7 @@ def field(
     from garbi_map.cli.watch import Watch
 
     with Watch() as progress:
-        found, losses = calibrate_field(logs, output, rig, focal, index, (begin, end), config, workers, progress)
+        found, losses = calibrate_field(logs, output, rig, focal, index, known, (begin, end), config, workers, progress)
     lines = [("parameter", "given", "found", "1 sigma", "before", "information", "verdict"), *table(found)]
     widths = [max(len(line[k]) for line in lines) for k in range(len(lines[0]))]
     for line in lines:
