@@ -27,19 +27,21 @@ from garbi_map.calibrate.field_evidence import SEEN, Finding
 from garbi_map.calibrate.field_rig import RigUnknowns, unknowns
 from garbi_map.calibrate.scanner import LATENCY
 from garbi_map.config import Config
-from garbi_map.navigate import navigate
+from garbi_map.evaluate import TrueSurface, Truth, rigid_alignment
+from garbi_map.navigate import navigate, place
 from garbi_map.register import Registered, Scanner, register
 from garbi_map.rig import Rig
 from garbi_map.sweep import laser_angle
 from garbi_map.sweep.store import SweepStore
 from tools.bench.dives import BenchDive, recorded, shared_dives, simulated
 from tools.bench.field_table import markdown
-from tools.bench.scores import Scorer
 from tools.simulator.scenario import Scenario
 
 SCENARIOS = Path(__file__).parent / "field_scenarios.yaml"
 RESULTS = Path(__file__).parent / "results"
 FIRST_SEED = 400
+POINTS = 50_000
+"""Of a map, evenly drawn, that are measured."""
 DELTA, TILT, AXIS, LATE = np.deg2rad(0.3), np.deg2rad(0.2), 0.002, 0.015
 WRONG: dict[str, dict[str, float]] = {
     "right": {},
@@ -131,7 +133,6 @@ def scenarios() -> dict[str, Scenario]:
 
 def bench(dive: BenchDive, cases: list[str], right: float | None, work: Path) -> Iterator[Row]:
     """One dive with each rig file; right: what its map is with the right one, mm, if that is known."""
-    scorer = Scorer(dive, Config())
     for case in cases:
         wrong = with_wrong_rig(dive, WRONG[case], work / "wrong")
         begin = time.process_time()
@@ -139,14 +140,14 @@ def bench(dive: BenchDive, cases: list[str], right: float | None, work: Path) ->
         between = time.process_time()
         found, _ = find(placed, unknowns(wrong.scanner.rig, motor=len(wrong.scanner.angle.turns_ns) > 0))
         end = time.process_time()
-        given = _map_error(scorer, placed)
+        given = _map_error(dive.truth, placed)
         if right is None:
             truth = with_wrong_rig(dive, {}, work / "right")
-            right = given if case == "right" else _map_error(scorer, registered(truth))
+            right = given if case == "right" else _map_error(dive.truth, registered(truth))
         corrected = given
         if found.offered:
             after = with_rig(wrong, found.unknowns.at(found.applied), 0.0, work / "after")
-            corrected = _map_error(scorer, registered(after))
+            corrected = _map_error(dive.truth, registered(after))
         yield _row(dive.name, case, (given, corrected, right), found, (between - begin, end - between))
 
 
@@ -218,8 +219,17 @@ def registered(dive: BenchDive) -> Registration:
     return Registration(dive.store, dive.navigation, navigated, found, rig, angle, settings, config.navigate)
 
 
-def _map_error(scorer: Scorer, placed: Registration) -> float:
-    return scorer.score(placed.registered.trajectory, store=placed.store).cloud.median_mm
+def _map_error(truth: Truth, placed: Registration) -> float:
+    """Median distance of points as they are placed from the true surface, mm, after one rigid alignment."""
+    assert truth.trajectory is not None and truth.surface is not None
+    made, mount = placed.registered.trajectory, placed.log.mount("rig")
+    stride = -(-sum(entry.points for entry in placed.store.entries) // POINTS)
+    points = np.concatenate([place(one, made.at(one.stamp_ns).mounted(mount))[::stride] for one in placed.store])
+    stamps = placed.store.stamps()
+    stamps = stamps[(stamps >= truth.trajectory.stamp_ns[0]) & (stamps <= truth.trajectory.stamp_ns[-1])]
+    rotation, shift = rigid_alignment(made.at(stamps), truth.trajectory.at(stamps))
+    surface = TrueSurface(*truth.surface)
+    return surface.errors(surface.aligned(rotation.apply(points) + shift), truth.seen).median_mm
 
 
 if __name__ == "__main__":
