@@ -66,10 +66,13 @@ class Decision:
 
 
 class DecisionWriter:
-    """Writes decisions to MCAP; a context manager. The same decisions make the same bytes."""
+    """Writes decisions to MCAP; a context manager. The same decisions make the same bytes.
 
-    def __init__(self, path: Path) -> None:
-        self._log = LogWriter(path)
+    to: a file of their own, or the log of a recording that is under way.
+    """
+
+    def __init__(self, to: Path | LogWriter) -> None:
+        self._log = to if isinstance(to, LogWriter) else LogWriter(to)
         self._make = self._log.types.types
 
     def __enter__(self) -> Self:
@@ -82,9 +85,13 @@ class DecisionWriter:
 
     def write(self, decision: Decision) -> None:
         """One tick: the command and everything that led to it."""
-        self._write_command(decision)
-        self._write_array(DECISIONS, decision.now_ns, [self._status(*part) for part in parts(decision)])
+        self.write_command(decision.now_ns, decision.command)
+        self.write_reasons(decision)
         self._write_scene(decision)
+
+    def write_reasons(self, decision: Decision, *more: tuple[int, str, str, dict[str, str]]) -> None:
+        """What each part had to say, and who else has; see `parts`."""
+        self._write_array(DECISIONS, decision.now_ns, [self._status(*part) for part in (*parts(decision), *more)])
 
     def write_verdict(self, now_ns: int, lines: list[tuple[str, str, str]]) -> None:
         """(expectation, what became of it: held, failed, no encounter; in words)."""
@@ -96,17 +103,17 @@ class DecisionWriter:
         """What the decisions were made with."""
         self._log.write_metadata(name, record)
 
-    def _write_command(self, decision: Decision) -> None:
-        command = decision.command
+    def write_command(self, now_ns: int, command: Command) -> None:
+        """The command alone."""
         vector = self._make["geometry_msgs/msg/Vector3"]
         twist = self._make["geometry_msgs/msg/Twist"](
             linear=vector(x=command.surge, y=0.0, z=command.heave),
             angular=vector(x=0.0, y=command.pitch, z=command.yaw),
         )
         message = self._make["geometry_msgs/msg/TwistStamped"](
-            header=self._log.header(decision.now_ns, "base_link"), twist=twist
+            header=self._log.header(now_ns, "base_link"), twist=twist
         )
-        self._log.write(COMMAND, "geometry_msgs/msg/TwistStamped", message, decision.now_ns)
+        self._log.write(COMMAND, "geometry_msgs/msg/TwistStamped", message, now_ns)
 
     def _write_scene(self, decision: Decision) -> None:
         """What was known of the surroundings, for whoever looks at the decision."""

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from behaviours.angle import LiveAngle
+from behaviours.arrivals import Arrivals
 from behaviours.feed import Intake, Seen, Sighting
 from behaviours.settings import FeedSettings
 from garbi_map.errors import GarbiError
@@ -47,10 +47,8 @@ class LogFeed:
         self._taken = dict.fromkeys(self._readings, 0)
         self._intake = Intake(rig, readings.mounts, settings)
         self.mount = self._intake.mount
-        self._angle = LiveAngle(rig.laser.fixed_angle, settings.encoder_reach, settings.encoder_stuck)
+        self._arrivals = Arrivals(rig.laser.fixed_angle, settings)
         self._encoder_next = 0
-        self._late_ns = round(settings.processing * 1e9)
-        self._known: dict[int, tuple[int, float, int, bool]] = {}
         detector = StripeDetector(stripe, rig)
         images = self._images(log)
         self._sightings = self._found(images, detector, workers)
@@ -85,29 +83,14 @@ class LogFeed:
             if encoder is not None:
                 stop = int(np.searchsorted(encoder.arrival_ns, arrival, side="right"))
                 for row in range(self._encoder_next, stop):
-                    self._angle.add(int(encoder.stamp_ns[row]), float(encoder.angle[row]))
+                    self._arrivals.encoder(int(encoder.stamp_ns[row]), float(encoder.angle[row]))
                 self._encoder_next = max(stop, self._encoder_next)
-            if image.stamp_ns in self._known:
-                continue  # one moment, two images: the second tells nothing
-            self._known[image.stamp_ns] = (
-                arrival + self._late_ns,
-                self._angle.at(image.stamp_ns),
-                self._angle.sweep,
-                self._angle.stuck(image.stamp_ns),
-            )
-            while len(self._known) > 500:
-                del self._known[next(iter(self._known))]
-            yield image
+            if self._arrivals.image(image):
+                yield image
 
     def _found(self, images: Iterator[Image], detector: StripeDetector, workers: int) -> Iterator[Sighting]:
-        def alpha_of(stamp_ns: int) -> float:
-            return self._known[stamp_ns][1]
-
-        latest = 0
-        for stripe in detect_all(images, detector, alpha_of, workers, self.losses):
-            known_ns, alpha, sweep, stuck = self._known[stripe.stamp_ns]
-            latest = max(latest, known_ns)  # images are worked on one after the other
-            yield Sighting(stripe, latest, alpha, sweep, stuck)
+        for stripe in detect_all(images, detector, self._arrivals.alpha, workers, self.losses):
+            yield self._arrivals.sighting(stripe)
 
 
 def _rows(record: Any, rows: Any) -> Any:

@@ -12,6 +12,7 @@ from garbi_map.errors import GarbiError
 from garbi_map.export.settings import ExportSettings
 from garbi_map.log.settings import LogSettings
 from garbi_map.navigate.settings import NavigateSettings
+from garbi_map.record.settings import RecordSettings
 from garbi_map.register.settings import RegisterSettings
 from garbi_map.seabed.settings import SeabedSettings
 from garbi_map.settings import Settings
@@ -32,6 +33,7 @@ class Config(Settings):
     export: ExportSettings = ExportSettings()
     view: ViewSettings = ViewSettings()
     calibrate: CalibrateSettings = CalibrateSettings()
+    record: RecordSettings = RecordSettings()
 
     def to_yaml(self) -> str:
         """The whole configuration, defaults included."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,3 +121,14 @@ class Navigation:
     def mount(self, frame: str) -> Mount:
         """Pose of a frame in base_link; identity where /tf_static does not say."""
         return self.mounts.get(frame, Mount())
+
+    def between(self, begin_ns: int, end_ns: int) -> Navigation:
+        """What was measured from begin_ns to end_ns, both included."""
+        cut: dict[str, Any] = {}
+        for one in fields(self):
+            record = getattr(self, one.name)
+            if record is not None and one.name != "mounts":
+                inside = (record.stamp_ns >= begin_ns) & (record.stamp_ns <= end_ns)
+                columns = {name: value[inside] for name, value in vars(record).items() if isinstance(value, np.ndarray)}
+                cut[one.name] = replace(record, **columns) if inside.any() else None
+        return replace(self, **cut)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Literal, Self
+from typing import Any, BinaryIO, Literal, Self
 
 import numpy as np
 from mcap.writer import CompressionType, Writer
@@ -36,6 +37,10 @@ class LogWriter:
     The file has its name only once it is complete; where the block ends with an exception, nothing is left. Every write
     takes the header stamp (it becomes log_time) and the arrival (publish_time; the stamp where it is not given), both
     ns. Write /tf_static first: viewers apply it from there on. Raises GarbiError where the file cannot be written.
+
+    in_place: the file has its name from the beginning and stays however the block ends: a recording. What `flush` has
+    brought to it is readable without the index that `close` writes.
+    open_file: makes the file; a place for tests and benches to put a disk that stalls or is full.
     """
 
     def __init__(
@@ -44,20 +49,30 @@ class LogWriter:
         topics: Topics | None = None,
         compression: Literal["zstd", "lz4", ""] = "zstd",
         chunk_size: int = 1 << 20,
+        in_place: bool = False,
+        open_file: Callable[[Path], BinaryIO] = lambda path: path.open("wb"),
     ) -> None:
         self.path = Path(path)
         self.topics = topics or Topics()
         self.types = standard_types()
-        self._aside = self.path.with_name(f".{self.path.name}.part")
+        self._in_place = in_place
+        self._aside = self.path if in_place else self.path.with_name(f".{self.path.name}.part")
         self._channels: dict[str, tuple[str, int]] = {}
         self._schemas: dict[str, int] = {}
         self._sequence: dict[int, int] = {}
-        try:
-            self._file = self._aside.open("wb")
-        except OSError as error:
-            raise GarbiError(f"{self.path}: cannot be written: {error.strerror}") from error
+        self._flushed = 0
+        with self._refusals():
+            self._file = open_file(self._aside)
         self._writer = Writer(self._file, chunk_size=chunk_size, compression=COMPRESSION[compression])
         self._writer.start("ros2", "garbi")
+
+    @contextmanager
+    def _refusals(self) -> Iterator[None]:
+        """What the file system refuses, as one line."""
+        try:
+            yield
+        except OSError as error:
+            raise GarbiError(f"{self.path}: cannot be written: {error.strerror}") from error
 
     def __enter__(self) -> Self:
         return self
@@ -68,35 +83,55 @@ class LogWriter:
         if kind is None:
             self.close()
         else:
-            self._file.close()
-            self._aside.unlink(missing_ok=True)
+            self.abandon()
 
     def close(self) -> None:
         """Write the index and give the file its name."""
-        try:
+        with self._refusals():
             self._writer.finish()
-            self._sync()
+            self._file.flush()
+            self.sync()
             self._file.close()
             self._aside.replace(self.path)
-        except OSError as error:
-            raise GarbiError(f"{self.path}: cannot be written: {error.strerror}") from error
+
+    def abandon(self) -> None:
+        """Close the file without an index, as after a write that failed. What was written in place is cut back to the last
+        flush, any other file is removed."""
+        with suppress(OSError):
+            self._file.close()
+        if self._in_place:
+            with suppress(OSError):
+                os.truncate(self._aside, self._flushed)
+        else:
+            self._aside.unlink(missing_ok=True)
 
     def flush(self) -> None:
-        """Close the chunk and bring it to the disk: what was written so far survives a loss of power."""
-        self._writer.flush()
-        self._sync()
+        """Close the chunk and hand it to the operating system: what was written so far survives the end of the process,
+        and with `sync` a loss of power."""
+        with self._refusals():
+            self._writer.flush()
+            self._file.flush()
+            self._flushed = self._file.tell()
 
-    def _sync(self) -> None:
-        self._file.flush()
-        os.fsync(self._file.fileno())
+    def sync(self) -> None:
+        """Bring everything flushed to the disk; from any thread."""
+        with self._refusals():
+            os.fsync(self._file.fileno())
+
+    @property
+    def size(self) -> int:
+        """Bytes of the file so far."""
+        return self._file.tell()
 
     def attach(self, name: str, media_type: str, data: bytes, stamp_ns: int = 0) -> None:
         """Attach a file, such as rig.yaml."""
-        self._writer.add_attachment(stamp_ns, stamp_ns, name, media_type, data)
+        with self._refusals():
+            self._writer.add_attachment(stamp_ns, stamp_ns, name, media_type, data)
 
     def write_metadata(self, name: str, record: dict[str, str]) -> None:
         """Write a record of names and texts."""
-        self._writer.add_metadata(name, record)
+        with self._refusals():
+            self._writer.add_metadata(name, record)
 
     def write(self, topic: str, type_name: str, message: object, stamp_ns: int, arrival_ns: int | None = None) -> None:
         """Write any message: an instance of `self.types.types[type_name]`, arrays as numpy arrays of the right type."""
@@ -104,10 +139,8 @@ class LogWriter:
         channel = self._channel(topic, type_name)
         number = self._sequence[channel] = self._sequence.get(channel, -1) + 1
         arrival = stamp_ns if arrival_ns is None else arrival_ns
-        try:
+        with self._refusals():
             self._writer.add_message(channel, int(stamp_ns), bytes(data), int(arrival), number)
-        except OSError as error:
-            raise GarbiError(f"{self.path}: cannot be written: {error.strerror}") from error
 
     def _channel(self, topic: str, type_name: str) -> int:
         if topic in self._channels:

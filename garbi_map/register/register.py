@@ -20,6 +20,7 @@ from garbi_map.register.agreement import Agreement, compare_placements
 from garbi_map.register.constants import learnt
 from garbi_map.register.drift import Round
 from garbi_map.register.front_end import close_loops, scan_to_map
+from garbi_map.register.live import LiveDrift
 from garbi_map.register.pose_graph import optimise
 from garbi_map.register.scanner import ENCODER, Scanner
 from garbi_map.register.sensors import Sensors
@@ -87,6 +88,8 @@ def register(
             "see what was left out of them with `garbi sweep`"
         )
     prior = navigated.trajectory
+    if settings.live:
+        return _registered_live(store, log, prior, settings, navigate, progress, scanner)
     near, sensors, clocks = _synchronised(store, log, navigated, settings, navigate, progress, scanner)
     progress("sweeps against the map")
     corrections, constraints = scan_to_map(near.surfels, settings.front_end)
@@ -104,10 +107,44 @@ def register(
         rounds=near.rounds + far.rounds,
         graph_step=_steps(near.surfels, corrections),
         loops=len(loops),
-        agreement=compare_placements(store, mount, prior, trajectory, _placed_by(prior, far, sensors), far.surfels),
+        agreement=compare_placements(
+            store, mount, prior, trajectory, _placed_by(prior, far, sensors.epoch_ns), far.surfels
+        ),
         constants=_constants(far),
         clocks=clocks,
         looped=[(loop.first, loop.second) for loop in loops],
+    )
+
+
+def _registered_live(
+    store: SweepStore,
+    log: Navigation,
+    prior: Trajectory,
+    settings: RegisterSettings,
+    navigate: NavigateSettings,
+    progress: Callable[[str], None],
+    scanner: Scanner | None,
+) -> Registered:
+    """The sweeps one after the other, each with what had been measured when it ended."""
+    mount, stamps = log.mount("rig"), store.stamps()
+    live = LiveDrift(mount, settings.drift, navigate, scanner)
+    for sweep in store:
+        progress(f"sweep {sweep.index + 1} of {len(store)}")
+        if len(sweep.stamp_ns) > 1:
+            live.add(sweep, log.between(int(stamps[0]) - live.LEAD_NS, int(sweep.stamp_ns[-1])))
+    solution, epoch_ns = live.solution, int(stamps[0])
+    assert solution is not None
+    trajectory = _trajectory(solution.path, solution.path.covariance, epoch_ns, stamps)
+    return Registered(
+        trajectory=trajectory,
+        inside=_trajectory(solution.path, solution.path.relative, epoch_ns, stamps),
+        rounds=solution.rounds,
+        graph_step=np.zeros(len(store)),
+        loops=0,
+        agreement=compare_placements(
+            store, mount, prior, trajectory, _placed_by(prior, solution, epoch_ns), solution.surfels
+        ),
+        constants=_constants(solution),
     )
 
 
@@ -180,11 +217,11 @@ def _steps(surfels: Surfels, corrections: list[Floats]) -> Floats:
     return out
 
 
-def _placed_by(prior: Trajectory, solution: Solution, sensors: Sensors) -> Surfels:
+def _placed_by(prior: Trajectory, solution: Solution, epoch_ns: int) -> Surfels:
     """The surfels where the navigation filter alone would have put them."""
     t = solution.surfels.time
     position, rotation = solution.path.at(t)
-    there = prior.at(sensors.epoch_ns + np.round(t * 1e9).astype(np.int64))
+    there = prior.at(epoch_ns + np.round(t * 1e9).astype(np.int64))
     body = rotation.inv().apply(solution.surfels.mean - position)
     normal = rotation.inv().apply(solution.surfels.normal)
     moved = there.rotation.apply(body) + there.position

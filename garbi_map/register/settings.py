@@ -11,6 +11,9 @@ class DriftSettings(Settings):
     position_knots: float = Field(0.2, gt=0.02, description="spacing of the position spline's knots, s")
     attitude_knots: float = Field(1.0, gt=0.05, description="spacing of the attitude correction's knots, s")
     window: float = Field(150.0, gt=20, description="longest stretch of time that is solved at once, s")
+    live_window: float = Field(
+        24.0, gt=4, description="stretch of time that is solved anew with each sweep while a dive lasts, s"
+    )
     overlap: float = Field(40.0, gt=4, description="how much two neighbouring windows share, s")
     window_points: int = Field(1_000_000, ge=10_000, description="points of a window beyond which they are thinned")
     surfel_size: float = Field(0.03, gt=0.002, description="voxel that the last surfels are made from, m")
@@ -45,5 +48,6 @@ class FrontEndSettings(Settings):
 class RegisterSettings(Settings):
     """Scan to map, pose graph, drift."""
 
+    live: bool = Field(False, description="place each sweep by what is known when it ends, as a vehicle would")
     drift: DriftSettings = DriftSettings()
     front_end: FrontEndSettings = FrontEndSettings()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -21,6 +21,7 @@ from garbi_map.register.settings import DriftSettings
 from garbi_map.register.surfels import Surfels, join
 from garbi_map.register.thinning import earliest, within
 from garbi_map.sweep.store import SweepStore
+from garbi_map.sweep.types import Sweep
 
 Floats = NDArray[np.float64]
 
@@ -90,11 +91,17 @@ def load_scans(store: SweepStore, mount: Mount, sensors: Sensors, begin: float, 
     epoch = sensors.epoch_ns
     chosen = [e for e in store.entries if (e.end_ns - epoch) * 1e-9 >= begin and (e.begin_ns - epoch) * 1e-9 <= end]
     stride = max(1, -(-sum(entry.points for entry in chosen) // most))
+    return make_scans((store.load(entry.index) for entry in chosen), mount, sensors, begin, end, stride)
+
+
+def make_scans(
+    sweeps: Iterable[Sweep], mount: Mount, sensors: Sensors, begin: float, end: float, stride: int = 1
+) -> Scans:
+    """The profiles of some sweeps that lie in [begin, end] s, in base_link: every `stride`th point."""
     rotation = Rotation.from_quat(mount.quaternion).as_matrix()
-    points, sigma, profile, time, sweeps = [], [], [], [], []
+    points, sigma, profile, time, numbers = [], [], [], [], []
     profiles = 0
-    for entry in chosen:
-        sweep = store.load(entry.index)
+    for sweep in sweeps:
         t = sensors.seconds(sweep.stamp_ns)
         keep = ((t >= begin) & (t <= end))[sweep.profile]
         keep &= (np.arange(len(keep)) % stride) == 0
@@ -102,14 +109,14 @@ def load_scans(store: SweepStore, mount: Mount, sensors: Sensors, begin: float, 
         sigma.append(sweep.sigma[keep])
         profile.append(sweep.profile[keep] + profiles)
         time.append(t)
-        sweeps.append(np.full(len(t), entry.index, np.int64))
+        numbers.append(np.full(len(t), sweep.index, np.int64))
         profiles += len(t)
     return Scans(
         np.concatenate(points or [np.empty((0, 3))]),
         np.concatenate(sigma or [np.empty(0, np.float32)]),
         np.concatenate(profile or [np.empty(0, np.int32)]).astype(np.int32),
         np.concatenate(time or [np.empty(0)]),
-        np.concatenate(sweeps or [np.empty(0, np.int64)]),
+        np.concatenate(numbers or [np.empty(0, np.int64)]),
         sensors.changes,
     )
 
@@ -153,40 +160,63 @@ def _solve(
     for number, (begin, end) in enumerate(windows):
         progress(f"window {number + 1} of {len(windows)}")
         scans = load_scans(store, mount, sensors, begin, end, settings.window_points)
-        knots = settings.position_knots, sensors.attitude_knots(settings)
-        motion = Motion(begin, end, sensors.prior_attitude, *knots, sensors.constants())
+        solution = extend(
+            solution, scans, sensors, (begin, end), settings, start, near_only=start is None, far_only=start is not None
+        )
+    assert solution is not None
+    return solution
+
+
+def extend(
+    solution: Solution | None,
+    scans: Scans,
+    sensors: Sensors,
+    span: tuple[float, float],
+    settings: DriftSettings,
+    start: Path | None = None,
+    near_only: bool = False,
+    far_only: bool = False,
+    settled: float | None = None,
+) -> Solution:
+    """The solution so far and a window, span s, anchored to it where they overlap, up to `settled` s if that is given.
+
+    start: a path to begin from. But for the near rounds, the window is laid on what is settled, and settles its own.
+    """
+    begin, end = span
+    knots = settings.position_knots, sensors.attitude_knots(settings)
+    motion = Motion(begin, end, sensors.prior_attitude, *knots, sensors.constants())
+    if start is not None:
+        t = motion.instants(_OUTPUT_STEP)
+        motion.fit(t, *start.at(t))
+    anchor = None if solution is None else _anchor(solution.path, motion, settled)
+    origin = None
+    if solution is None:
+        origin = motion.position(np.array([begin]))[0] if start is not None else _first_position(sensors, begin)
+    factors: list[Factor] = sensors.factors(begin, end, settings, origin)
+    if anchor is not None:
+        factors.append(anchor)
+    elsewhere = None
+    if not near_only and solution is not None:
+        elsewhere = solution.surfels.without(np.unique(scans.sweep))
         if start is not None:
-            t = motion.instants(_OUTPUT_STEP)
-            motion.fit(t, *start.at(t))
-        anchor = None if solution is None else _anchor(solution.path, motion)
-        origin = None
-        if solution is None:
-            origin = motion.position(np.array([begin]))[0] if start is not None else _first_position(sensors, begin)
-        factors: list[Factor] = sensors.factors(begin, end, settings, origin)
-        if anchor is not None:
-            factors.append(anchor)
-        elsewhere = None
-        if start is not None and solution is not None:
-            elsewhere = solution.surfels.without(np.unique(scans.sweep))
             seen = scans.surfels(motion, settings.coarse_surfel_size, settings.surfel_points)
             elsewhere = elsewhere.select(within(elsewhere, seen, _MARGIN))
-        rounds, problem = estimate_drift(
-            scans, motion, factors, settings, near_only=start is None, far_only=start is not None, elsewhere=elsewhere
-        )
-        path = _sample(motion, problem)
-        surfels = scans.surfels(motion, settings.surfel_size, settings.surfel_points)
-        if solution is None:
-            solution = Solution(path, surfels)
-        else:
-            solution.path = _blend(solution.path, _inheriting(solution.path, path))
-            solution.surfels = join(solution.surfels.without(np.unique(surfels.sweep)), surfels)
-        if start is not None:
-            known = earliest(solution.surfels, settings.surfel_size, settings.settled_surfels)
-            solution.surfels = solution.surfels.select(known)
-        solution.rounds.append(rounds)
-        solution.constants.append((motion.constants, problem.covariance(motion.constants_columns)))
-        solution.sigmas.append({type(factor).__name__: factor.sigma for factor in factors})
-    assert solution is not None
+    rounds, problem = estimate_drift(
+        scans, motion, factors, settings, near_only=near_only, far_only=far_only, elsewhere=elsewhere
+    )
+    path = _sample(motion, problem)
+    surfels = scans.surfels(motion, settings.surfel_size, settings.surfel_points)
+    if solution is None:
+        solution = Solution(path, surfels)
+    else:
+        solution.path = _blend(solution.path, _inheriting(solution.path, path))
+        solution.surfels = join(solution.surfels.without(np.unique(surfels.sweep)), surfels)
+    if not near_only:
+        known = earliest(solution.surfels, settings.surfel_size, settings.settled_surfels)
+        solution.surfels = solution.surfels.select(known)
+    solution.rounds.append(rounds)
+    solution.constants.append((motion.constants, problem.covariance(motion.constants_columns)))
+    solution.sigmas.append({type(factor).__name__: factor.sigma for factor in factors})
     return solution
 
 
@@ -196,9 +226,9 @@ def _first_position(sensors: Sensors, begin: float) -> Floats:
     return sensors.trajectory.at(stamp).position[0]
 
 
-def _anchor(path: Path, motion: Motion) -> Anchor | None:
+def _anchor(path: Path, motion: Motion, settled: float | None) -> Anchor | None:
     """The end of the earlier window, but for its last second, which nothing after it has checked."""
-    t = np.arange(motion.begin, path.time[-1] - 1.0, _ANCHOR_STEP)
+    t = np.arange(motion.begin, path.time[-1] - 1.0 if settled is None else settled, _ANCHOR_STEP)
     if len(t) == 0:
         return None
     position, rotation = path.at(t)
