@@ -9,8 +9,15 @@ import pytest
 import yaml
 from dive_logs import ENCODER, IMU, SAMPLE, rewrite, without
 
+from garbi_map.calibrate.field import placed
+from garbi_map.calibrate.field_check import rig_notes
 from garbi_map.calibrate.field_rig import unknowns
+from garbi_map.config import Config
 from garbi_map.log import open_log
+from garbi_map.navigate import navigate
+from garbi_map.pipeline import open_dive, sweeps_of
+from garbi_map.progress import Silent
+from garbi_map.register import Scanner, register
 from garbi_map.rig import Rig, load_rig, parse_rig
 
 
@@ -78,3 +85,18 @@ def test_a_rig_of_another_kind_is_refused(garbi, dive, tmp_path):
         assert ended.status == 1
         assert len(ended.err.strip().splitlines()) == 1 and says in ended.err
         assert not (tmp_path / "rig.yaml").exists()
+
+
+@pytest.mark.parametrize("slipped", [0.0, 1.0])
+def test_a_map_notices_a_rig_that_is_wrong(dive, tmp_path, slipped):
+    """One line that names the parameter where a motor has slipped by a degree; none with the right rig."""
+    given = wrong_rig(tmp_path / "rig.yaml", delta=np.deg2rad(slipped))
+    opened = open_dive([dive], Config(), given)
+    store = sweeps_of(opened, tmp_path / "sweeps", 2, Silent())
+    navigated = navigate(opened.navigation, opened.config.navigate, store.stamps())
+    scanner = Scanner(opened.rig, opened.angle, opened.navigation.mount("rig"))
+    settings = opened.config
+    found = register(store, opened.navigation, navigated, settings.registration, settings.navigate, scanner=scanner)
+    notes = rig_notes(placed(opened, store, navigated, found))
+    assert len(notes) == (slipped > 0)
+    assert all("laser.delta by about -" in note and "garbi calibrate field" in note for note in notes)
