@@ -20,8 +20,8 @@ COMMON = {"laser.delta": np.deg2rad(0.025), LATENCY: 5e-5}
 which is hardly more than a scale of ranges, comes out that far off."""
 _GAIN = 16.0
 """By how much the cost has to fall for a parameter to be changed: four of its sigmas, all else refitted."""
-_BETTER = 3.0
-"""Standard errors by which the regions held out have to fit better."""
+_BETTER = 2.0
+"""Standard errors by which the regions held out have to fit better: a second opinion, from few of them."""
 _CAUCHY = 2.0
 """Sigmas beyond which a match held out loses its say."""
 
