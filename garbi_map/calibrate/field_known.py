@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Self
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 from pydantic import Field, TypeAdapter, ValidationError, model_validator
 
 from garbi_map.calibrate.field_views import Views
 from garbi_map.errors import GarbiError
 from garbi_map.log.records import Floats, Stamps
+from garbi_map.plain_yaml import read_yaml
 from garbi_map.register.motion import Motion
 from garbi_map.register.normal_equations import NormalEquations
 from garbi_map.settings import Settings
@@ -74,11 +74,7 @@ class Known:
 def load_known(path: Path) -> tuple[Patch, ...]:
     """The patches of a YAML list. Raises GarbiError that names the file, the entry and what is wrong with it."""
     try:
-        patches = TypeAdapter(tuple[Patch, ...]).validate_python(yaml.safe_load(path.read_text()))
-    except OSError as error:
-        raise GarbiError(f"{path}: cannot be read: {error.strerror}") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise GarbiError(f"{path}: not YAML: {' '.join(str(error).split())}") from error
+        patches = TypeAdapter(tuple[Patch, ...]).validate_python(read_yaml(path))
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"])
