@@ -216,7 +216,7 @@ def _residuals(built: Map) -> list[Quantity]:
 
 def drift_notes(registered: Registered) -> list[str]:
     """What the drift estimate found to be wrong, with the sensors or with itself, one line each."""
-    clocks = [str(offset) for offset in registered.clocks if offset.notable]
+    clocks = [str(offset) for offset in registered.clocks if offset.notable] + registered.rig_notes
     _, apart = registered.agreement.median
     if np.isnan(apart) or apart < _TORN:
         return clocks

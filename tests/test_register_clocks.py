@@ -221,7 +221,7 @@ def test_only_what_matters_is_told_of_the_drift_estimate():
         pair = np.full(3, apart, np.float32)
         agreement = Agreement(np.zeros((3, 2), np.float32), pair, pair, (0.0, 0.0))
         clocks = [Offset("encoder_latency", latency, 1e-5, "applied")]
-        return drift_notes(SimpleNamespace(clocks=clocks, agreement=agreement))  # type: ignore[arg-type]
+        return drift_notes(SimpleNamespace(clocks=clocks, agreement=agreement, rig_notes=[]))  # type: ignore[arg-type]
 
     assert told_of(1e-4, 2e-4) == []
     assert told_of(1e-4, float("nan")) == []

@@ -20,7 +20,8 @@ def surface_of(
 ) -> Mesh:
     """The surface, in `map`, of the points of cloud.laz, each seen from where the rig was at its time.
 
-    trajectory: map <- base_link; mount: base_link <- rig; reference: what the cloud was written with. Raises GarbiError where there are too few points.
+    trajectory: map <- base_link; mount: base_link <- rig; reference: what the cloud was written with.
+    Raises GarbiError where there are too few points.
     """
     import laspy
 
