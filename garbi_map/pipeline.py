@@ -44,6 +44,8 @@ def build_map(
     progress = progress or Silent()
     started = time.perf_counter()
     dive = open_dive(paths, config, rig_path, span)
+    for remark in dive.log.remarks:
+        progress.note(remark)
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
