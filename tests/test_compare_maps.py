@@ -12,6 +12,7 @@ import rasterio
 from scipy.spatial.transform import Rotation
 
 from garbi_map.compare import CompareSettings, Comparison, align, compare_maps, open_map_folder
+from garbi_map.compare.settings import AlignmentSettings
 from garbi_map.errors import GarbiError
 from garbi_map.view.show import recording_of
 from tests.two_maps import Height, floor, with_dome, write_folder
