@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-import yaml
 from pydantic import Field, ValidationError, model_validator
 
 from behaviours.decisions import Decision
 from behaviours.settings import BehaviourSettings
 from garbi_map.errors import GarbiError
+from garbi_map.plain_yaml import parse_yaml, read_text
 from garbi_map.settings import Settings
 
 Verdict = tuple[str, str, str]  # name, "held" | "failed" | "no encounter", in words
@@ -189,7 +189,8 @@ class Plan(Settings):
                 item = {item: {}}
             if isinstance(item, dict) and len(item) == 1 and "kind" not in item:
                 ((kind, fields),) = item.items()
-                item = {"kind": kind, **(fields or {})}
+                fields = {} if fields is None else fields
+                item = {"kind": kind, **fields} if isinstance(fields, dict) else {"kind": kind, "": fields}
             listed.append(item)
         return {**value, "expectations": listed}
 
@@ -207,9 +208,7 @@ def exit_status(verdicts: list[Verdict]) -> int:
 def parse_plan(text: str, where: str) -> Plan:
     """Raises GarbiError that names the place, the key and what is wrong with it."""
     try:
-        return Plan.model_validate(yaml.safe_load(text) or {})
-    except yaml.YAMLError as error:
-        raise GarbiError(f"{where}: not YAML: {' '.join(str(error).split())}") from error
+        return Plan.model_validate(parse_yaml(text, where) or {})
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"])
@@ -218,10 +217,7 @@ def parse_plan(text: str, where: str) -> Plan:
 
 def load_plan(path: Path) -> Plan:
     """The plan of a YAML file. Raises GarbiError."""
-    try:
-        return parse_plan(path.read_text(), str(path))
-    except (OSError, UnicodeDecodeError) as error:
-        raise GarbiError(f"{path}: cannot be read: {error}") from error
+    return parse_plan(read_text(path), str(path))
 
 
 def _series(decisions: list[Decision], distance: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

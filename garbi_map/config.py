@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Self
 
 import yaml
-from pydantic import ValidationError
+from pydantic import ValidationError, model_validator
 
 from garbi_map.calibrate.settings import CalibrateSettings
 from garbi_map.compare.settings import CompareSettings
@@ -14,6 +15,7 @@ from garbi_map.errors import GarbiError
 from garbi_map.export.settings import ExportSettings
 from garbi_map.log.settings import LogSettings
 from garbi_map.navigate.settings import NavigateSettings
+from garbi_map.plain_yaml import read_yaml
 from garbi_map.record.settings import RecordSettings
 from garbi_map.register.settings import RegisterSettings
 from garbi_map.seabed.settings import SeabedSettings
@@ -39,6 +41,15 @@ class Config(Settings):
     compare: CompareSettings = CompareSettings()
     record: RecordSettings = RecordSettings()
 
+    @model_validator(mode="after")
+    def _depth_is_depth(self) -> Self:
+        water = ("water_density", "gravity", "atmosphere")
+        if self.log.topics.depth and any(
+            getattr(self.navigate, one) != getattr(NavigateSettings(), one) for one in water
+        ):
+            raise ValueError(f"log.topics.depth is metres already; leave navigate's {', '.join(water)} as they are")
+        return self
+
     def to_yaml(self) -> str:
         """The whole configuration, defaults included."""
         return yaml.safe_dump(self.model_dump(mode="json"), sort_keys=False)
@@ -52,11 +63,7 @@ def load_config(path: Path | None) -> Config:
     if path is None:
         return Config()
     try:
-        return Config.model_validate(yaml.safe_load(path.read_text()) or {})
-    except OSError as error:
-        raise GarbiError(f"{path}: cannot be read: {error.strerror}") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise GarbiError(f"{path}: not YAML: {' '.join(str(error).split())}") from error
+        return Config.model_validate(read_yaml(path) or {})
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"])

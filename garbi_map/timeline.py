@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from garbi_map.export import Span
-from garbi_map.log.check import GAP_FACTOR, GAP_LEAST
+from garbi_map.log.gaps import GAP_FACTOR, GAP_LEAST
 from garbi_map.sweep.store import SweepStore
 
 if TYPE_CHECKING:

@@ -35,6 +35,11 @@ def many(count: int, thing: str, things: str | None = None) -> str:
     return f"{count:,} {thing if count == 1 else things or thing + 's'}"
 
 
+def printable(text: str) -> str:
+    """What a terminal may be given of a text that somebody else wrote: no control characters, on one line."""
+    return "".join(letter if letter.isprintable() else "\N{REPLACEMENT CHARACTER}" for letter in text)
+
+
 def _digits(value: float) -> str:
     """Two significant digits, never in powers of ten."""
     return f"{value:.0f}" if abs(value) >= 10 else f"{float(f'{value:.2g}'):g}"

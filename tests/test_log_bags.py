@@ -85,7 +85,7 @@ def test_file_that_is_listed_but_missing(split: tuple[Path, Path]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("extra", "told"), [({"storage_identifier": "sqlite3"}, "sqlite3"), ({"compression_mode": "FILE"}, "compressed")]
+    ("extra", "told"), [({"storage_identifier": "other"}, "other"), ({"compression_mode": "FILE"}, "compressed")]
 )
 def test_bags_that_are_not_read(split: tuple[Path, Path], extra: dict, told: str) -> None:
     """Other storage, and files compressed as a whole, are refused with what to do."""

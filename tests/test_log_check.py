@@ -8,12 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import typer
+from dive_logs import SAMPLE
 from sample_log import START, write_sample
 
 from garbi_map.cli.check import check
 from garbi_map.errors import GarbiError
 from garbi_map.log import LogWriter, open_log
 from garbi_map.log.check import check_log
+from garbi_map.stripe.decode import decode
 
 
 def test_a_complete_log(tmp_path: Path) -> None:
@@ -30,9 +32,13 @@ def test_a_complete_log(tmp_path: Path) -> None:
     assert (found.damage, found.mappable, found.read_whole, found.checksums) == ((), True, True, True)
 
 
-def test_gaps(tmp_path: Path) -> None:
-    """A silence of a second in the middle and an early end are gaps; jitter and a late message are not."""
-    with LogWriter(tmp_path / "log.mcap") as log:
+@pytest.mark.parametrize("chunks_alone", [False, True])
+def test_gaps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, chunks_alone: bool) -> None:
+    """A silence of a second in the middle and an early end are gaps; jitter and a late message are not. Chunks alone
+    tell the same, as the log of hours that they are used for is made of many."""
+    if chunks_alone:
+        monkeypatch.setattr("garbi_map.log.gaps.READ_ALL", 0)
+    with LogWriter(tmp_path / "log.mcap", chunk_size=8000) as log:
         for step in range(300):
             stamp = START + step * 10_000_000
             log.write_imu(stamp, [0, 0, 0], [0, 0, 9.8])
@@ -40,7 +46,10 @@ def test_gaps(tmp_path: Path) -> None:
                 log.write_encoder(stamp + (step % 3) * 1_000_000, 0.1)
             if step < 150 and step % 10 == 0:
                 log.write_pressure(stamp, 1e5)
-    found = {topic.role: topic for topic in check_log(open_log([tmp_path / "log.mcap"])).topics}
+    checked = check_log(open_log([tmp_path / "log.mcap"]))
+    assert (checked.shortest_gap > 0) == chunks_alone
+    found = {topic.role: topic for topic in checked.topics}
+    assert (found["imu"].rate, found["encoder"].rate) == pytest.approx((100, 100), rel=0.2)
     assert found["imu"].gaps == ()
     (gap,) = found["encoder"].gaps
     assert (gap.begin, gap.end) == pytest.approx((0.99, 2.0), abs=0.03)
@@ -102,10 +111,39 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "checksum" in json.loads(capsys.readouterr().out)["damage"][0]
     renamed = tmp_path / "config.yaml"
     renamed.write_text("log: {topics: {image: /cam}}")
-    with pytest.raises(GarbiError, match=r"no images on /cam.*images are on /camera/image/compressed"):
+    with pytest.raises(GarbiError, match=r"no images on /cam.*images are on /camera/image/compressed: garbi check"):
         check([path], config=renamed)
     renamed.write_text("log: {topics: {imu: /depth/pressure}}")
     with pytest.raises(GarbiError, match=r"/depth/pressure: type sensor_msgs/msg/FluidPressure"):
         check([path], config=renamed)
     with pytest.raises(GarbiError, match="no images on /camera/image/compressed"):
         check([write_sample(tmp_path / "blind.mcap", skip=("image",))])
+
+
+def test_messages_of_another_encoding(tmp_path: Path) -> None:
+    """A topic that is not CDR cannot be used, and says what it is instead."""
+    from mcap.writer import Writer
+
+    with (tmp_path / "log.mcap").open("wb") as file:
+        writer = Writer(file)
+        writer.start("ros1")
+        schema = writer.register_schema("sensor_msgs/CompressedImage", "ros1msg", b"")
+        writer.add_message(writer.register_channel("/camera/image/compressed", "ros1", schema), START, b"1234", START)
+        writer.finish()
+    found = check_log(open_log([tmp_path / "log.mcap"]))
+    assert "type sensor_msgs/CompressedImage as ros1 cannot be used as image" in found.unusable[0]
+
+
+def test_a_log_of_hours(tmp_path: Path) -> None:
+    """The bench's long log, small: as long and as large as asked, and its images decode."""
+    from tools.bench.long_log import write_long
+
+    write_long(SAMPLE, tmp_path / "long.mcap", hours=0.02, gigabytes=0.072)
+    state = (tmp_path / "long.mcap").stat()
+    assert state.st_size == pytest.approx(0.072e9, rel=0.15)
+    log = open_log([tmp_path / "long.mcap"])
+    assert (log.end_ns - log.begin_ns) * 1e-9 == pytest.approx(72, abs=0.1)
+    images = list(log.images())
+    assert len(images) == 72
+    assert {decode(image).shape for image in images[:3]} == {(576, 768, 3)}
+    assert all(len(topic.gaps) == 0 for topic in check_log(log).topics if topic.role)

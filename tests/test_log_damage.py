@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.opcode import Opcode
 from sample_log import RIG, contents, write_sample
 
 from garbi_map.errors import GarbiError
 from garbi_map.log import LogSettings, open_log
+from garbi_map.log.survey import survey
 
 COMPRESSIONS = ("zstd", "lz4", "")
 
@@ -117,3 +120,23 @@ def test_random_bytes(tmp_path: Path) -> None:
         (tmp_path / "noise.mcap").write_bytes(b"\x89MCAP0\r\n" + noise)
         with pytest.raises(GarbiError, match="holds no message"):
             open_log([tmp_path / "noise.mcap"], LogSettings())
+
+
+@pytest.mark.parametrize("opcode", [0, 2, 4, 7, 9, 0x0E, 0x16, 0x46, 0x86])
+def test_a_chunk_that_is_called_something_else(original: tuple[bytes, dict], tmp_path: Path, opcode: int) -> None:
+    """A garbled opcode and no index: what is behind it is still read, and the chunk is named as lost."""
+    data, truth = original
+    places = [frame.offset for frame in survey(io.BytesIO(data), len(data)) if frame.opcode == Opcode.CHUNK]
+    damaged = bytearray(data[:-100])
+    damaged[places[8]] = opcode
+    assert read_damaged(tmp_path / "opcode.mcap", bytes(damaged), truth) > 0.85
+    losses = open_log([tmp_path / "opcode.mcap"]).losses
+    assert any(f"byte {places[8]}:" in line for line in losses)
+
+
+def test_attachments_behind_damage_are_found(original: tuple[bytes, dict], tmp_path: Path) -> None:
+    """The header overwritten so that the attachment behind it is not the next record: it is found by its shape."""
+    data, truth = original
+    (attachment,) = [f.offset for f in survey(io.BytesIO(data), len(data)) if f.opcode == Opcode.ATTACHMENT]
+    read_damaged(tmp_path / "begin.mcap", data[:8] + bytes(attachment - 8) + data[attachment:-100], truth)
+    assert open_log([tmp_path / "begin.mcap"]).rig_text == RIG

@@ -77,7 +77,7 @@ def test_a_pause_of_the_dvl_or_of_the_pressure_is_named(one):
         keep = (t < 5.0) | (t > 9.0)
         cut = type(record)(**{column: value[keep] for column, value in vars(record).items()})
         notes = navigate(replace(one.log, **{name: cut})).report["notes"]
-        assert sum(note.startswith(f"{called}: silent 1 times, 4.") for note in notes) == 1
+        assert sum(note.startswith(f"{called}: silent 1 time, 4.") for note in notes) == 1
 
 
 def test_without_a_gyro_the_levers_turn_with_the_motion(one):

@@ -16,6 +16,7 @@ from garbi_map.calibrate.camera import FORWARD, CameraCalibration
 from garbi_map.calibrate.laser import LaserCalibration
 from garbi_map.calibrate.scanner import LENS_NAMES, PORT_NAMES, Scanner
 from garbi_map.errors import GarbiError
+from garbi_map.plain_yaml import parse_yaml, read_text, read_yaml
 from garbi_map.rig import Camera, Laser, camera_entries, laser_entries, parse_camera, parse_laser, parse_rig
 
 NOMINAL = "nominal_laser"  # a laser that is not calibrated with this camera: no program takes it for one
@@ -33,13 +34,9 @@ class Known:
 
 def read_known(path: Path) -> Known:
     """A rig file whose laser may be missing. Raises GarbiError for what is missing or absurd."""
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
-        raise GarbiError(f"{path}: cannot be read as a rig file: {reason}") from error
+    text = read_text(path)
     camera = parse_camera(text, str(path))
-    document: dict[str, Any] = yaml.safe_load(text)
+    document: dict[str, Any] = parse_yaml(text, str(path))
     key = next((key for key in ("laser", NOMINAL) if document.get(key) is not None), None)
     laser = None if key is None else parse_laser(text, str(path), key)
     return Known(camera, laser, _prior(camera, document["camera"].get("calibration"), path), document)
@@ -138,14 +135,14 @@ def _plain(value: Any) -> Any:
 
 def read_camera_info(path: Path) -> Camera:
     """The camera of a ROS camera_info file (camera_calibration's YAML). Raises GarbiError."""
+    document = read_yaml(path)
     try:
-        document = yaml.safe_load(path.read_text(encoding="utf-8"))
         matrix = [float(value) for value in document["camera_matrix"]["data"]]
         model = document.get("distortion_model", "plumb_bob")
         terms = [float(value) for value in document.get("distortion_coefficients", {"data": [0] * 5})["data"]]
         width, height = int(document["image_width"]), int(document["image_height"])
         name = str(document.get("camera_name", "camera_optical_frame"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError, ValueError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise GarbiError(f"{path}: not a camera_info file ({type(error).__name__}: {error})") from error
     if model != "plumb_bob" or len(terms) not in (4, 5) or len(matrix) != 9:
         raise GarbiError(f"{path}: distortion_model {model} with {len(terms)} terms: only plumb_bob with 5 is known")

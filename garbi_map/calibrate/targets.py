@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import Annotated, Literal, NamedTuple, Self
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 from pydantic import Field, TypeAdapter, ValidationError, model_validator
 
 from garbi_map.errors import GarbiError
 from garbi_map.log.records import Floats
+from garbi_map.plain_yaml import parse_yaml, read_text
 from garbi_map.settings import Settings
 
 Count = Annotated[int, Field(ge=1, le=100)]
@@ -251,20 +251,13 @@ _TARGET: TypeAdapter[AnyTarget] = TypeAdapter(Annotated[AnyTarget, Field(discrim
 
 def load_target(path: Path) -> AnyTarget:
     """The target of a file. Raises GarbiError that names the file, the key and what is wrong with it."""
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
-        raise GarbiError(f"{path}: cannot be read as a target: {reason}") from error
-    return parse_target(text, str(path))
+    return parse_target(read_text(Path(path)), str(path))
 
 
 def parse_target(text: str, where: str) -> AnyTarget:
     """The target of a YAML text; `where` names it in errors. Raises GarbiError."""
     try:
-        return _TARGET.validate_python(yaml.safe_load(text))
-    except (yaml.YAMLError, RecursionError) as error:
-        raise GarbiError(f"{where}: not YAML: {' '.join(str(error).split())}") from error
+        return _TARGET.validate_python(parse_yaml(text, where))
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"][1:]) or "kind"

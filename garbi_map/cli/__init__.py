@@ -10,6 +10,7 @@ from importlib.metadata import entry_points
 
 from garbi_map.cli.app import app
 from garbi_map.errors import GarbiError
+from garbi_map.words import printable
 
 # numpy reads this when it is first imported. On cores that are shared, two BLAS threads wait for each other a thousand times
 # longer than the small systems of the registration take; one thread also gives the same map on any number of cores
@@ -48,5 +49,5 @@ def main() -> None:
 
 
 def _end(line: str, status: int) -> None:
-    print(f"garbi: {' '.join(line.split())}", file=sys.stderr)
+    print(f"garbi: {printable(' '.join(line.split()))}", file=sys.stderr)
     sys.exit(status)

@@ -3,13 +3,14 @@
 from garbi_map.log.open import open_log
 from garbi_map.log.reader import Log, Topic
 from garbi_map.log.records import Dvl, Encoder, Fixes, Image, Imu, Mount, Navigation, Odometry, Pressure
-from garbi_map.log.settings import LogSettings, Topics
+from garbi_map.log.settings import Frames, LogSettings, Scale, Topics
 from garbi_map.log.writer import LogWriter
 
 __all__ = [
     "Dvl",
     "Encoder",
     "Fixes",
+    "Frames",
     "Image",
     "Imu",
     "Log",
@@ -19,6 +20,7 @@ __all__ = [
     "Navigation",
     "Odometry",
     "Pressure",
+    "Scale",
     "Topic",
     "Topics",
     "open_log",

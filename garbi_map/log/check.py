@@ -9,12 +9,13 @@ import numpy as np
 
 from garbi_map.errors import GarbiError
 from garbi_map.log.decode import IMAGE_TYPES
+from garbi_map.log.gaps import Rhythm, find_rhythms
 from garbi_map.log.reader import Log
-from garbi_map.log.records import Navigation, Stamps
+from garbi_map.log.records import Navigation
 
-READ_WHOLE = 1 << 30  # bytes; a larger log is not read through unless asked for
-GAP_FACTOR, GAP_LEAST = 3.0, 0.2  # times the median interval, s
-PERIODIC = ("image", "encoder", "imu", "pressure", "dvl", "navsat", "usbl", "odometry")
+READ_WHOLE = 1 << 28  # bytes; a larger log is not read through unless asked for
+FIRST_NS = 1_000_000_000  # of a larger log, whose messages are looked into
+PERIODIC = ("image", "encoder", "imu", "pressure", "depth", "attitude", "dvl", "navsat", "usbl", "odometry")
 
 COSTS = {
     "image": "there is nothing to map",
@@ -68,6 +69,7 @@ class LogCheck:
     read_whole  every message was read and its checksum validated; else all is from the log's index, and damage inside
                 of chunks is not known
     checksums   every part that was read carries a checksum; where not, damage cannot be seen
+    shortest_gap  s; shorter silences were not looked for, as the log is too long to read its whole index; 0: all were
     """
 
     begin_ns: int
@@ -78,6 +80,7 @@ class LogCheck:
     unusable: tuple[str, ...]
     read_whole: bool
     checksums: bool
+    shortest_gap: float
 
     @property
     def mappable(self) -> bool:
@@ -90,7 +93,7 @@ class LogCheck:
 
 
 def check_log(log: Log, whole: bool | None = None) -> LogCheck:
-    """Check a log. It is read through if `whole`, or (None) if it is smaller than a gigabyte; rates and gaps are by log
+    """Check a log. It is read through if `whole`, or (None) if it is smaller than READ_WHOLE; rates and gaps are by log
     time, from the message indexes where the log has them."""
     read_whole = log.size <= READ_WHOLE if whole is None else whole
     checksums = log.verify() if read_whole else True
@@ -98,57 +101,53 @@ def check_log(log: Log, whole: bool | None = None) -> LogCheck:
     try:
         if log.type_of("image", IMAGE_TYPES) is None:
             unusable.append(_no_images(log))
-        navigation = log.navigation() if read_whole else None
+        navigation = log.navigation() if read_whole else log.navigation(log.begin_ns, log.begin_ns + FIRST_NS)
     except GarbiError as error:
         unusable.append(str(error))
-    roles = {topic: role for role, topic in log.settings.topics.model_dump().items()}
-    times = log.log_times()
-    bounds = (min(t[0] for t in times.values()), max(t[-1] for t in times.values())) if times else (0, 0)
+    roles = {topic: role for role, topic in log.settings.topics.model_dump().items() if topic}
+    rhythms = find_rhythms(log)
+    begin = log.recorded_span()[0]
     topics = [
-        _check_topic(name, topic.type, roles.get(name, ""), topic.count, times.get(name), bounds)
+        _check_topic(name, topic.type, roles.get(name, ""), topic.count, rhythms.topics.get(name), begin)
         for name, topic in sorted(log.topics.items())
     ]
     return LogCheck(
         begin_ns=log.begin_ns,
         duration=(log.end_ns - log.begin_ns) * 1e-9,
         topics=tuple(topics),
-        missing=tuple(_missing(log, navigation)),
+        missing=tuple(_missing(log, navigation, read_whole)),
         damage=tuple(log.losses),
         unusable=tuple(unusable),
         read_whole=read_whole,
         checksums=checksums,
+        shortest_gap=rhythms.blind,
     )
 
 
 def _no_images(log: Log) -> str:
     pictures = [name for name, topic in log.topics.items() if topic.type in IMAGE_TYPES and topic.count]
-    hint = f"; images are on {', '.join(pictures)}: set log.topics.image" if pictures else ""
+    hint = f"; images are on {', '.join(pictures)}: garbi check --suggest-topics prints a topic map" if pictures else ""
     return f"no images on {log.settings.topics.image}, there is nothing to map{hint}"
 
 
-def _check_topic(
-    name: str, type_name: str, role: str, count: int, times: Stamps | None, bounds: tuple[int, int]
-) -> TopicCheck:
-    if times is None or len(times) < 2:
-        return TopicCheck(name, type_name, role, count, 0.0, ())
-    begin = bounds[0]
-    interval = float(np.median(np.diff(times))) * 1e-9
+def _check_topic(name: str, type_name: str, role: str, count: int, rhythm: Rhythm | None, begin: int) -> TopicCheck:
+    interval = rhythm.interval if rhythm else 0.0
     rate = 1 / interval if interval > 0 else 0.0
-    if role not in PERIODIC:
-        return TopicCheck(name, type_name, role, count, rate, ())
-    # a topic that starts late or stops early is silent there
-    edges = np.concatenate([[bounds[0]], times, [bounds[1]]])
-    silent = np.flatnonzero(np.diff(edges) * 1e-9 > max(GAP_FACTOR * interval, GAP_LEAST))
-    gaps = tuple(Gap(float(edges[i] - begin) * 1e-9, float(edges[i + 1] - begin) * 1e-9) for i in silent)
+    silences = rhythm.silences if rhythm and role in PERIODIC else ()
+    gaps = tuple(Gap(float(first - begin) * 1e-9, float(last - begin) * 1e-9) for first, last in silences)
     return TopicCheck(name, type_name, role, count, rate, gaps)
 
 
-def _missing(log: Log, navigation: Navigation | None) -> list[Missing]:
+def _missing(log: Log, navigation: Navigation | None, whole: bool) -> list[Missing]:
     names = log.settings.topics.model_dump()
     absent = {role for role, name in names.items() if name not in log.topics or log.topics[name].count == 0}
     missing = [Missing(role, names[role], COSTS[role]) for role in ("image", "encoder") if role in absent]
     # somebody else's trajectory stands in for what it was computed from
     if "odometry" in absent:
+        if "depth" not in absent:
+            absent.discard("pressure")
+        if "attitude" not in absent:
+            absent.discard("imu")
         missing += [Missing(role, names[role], COSTS[role]) for role in ("imu", "pressure", "dvl") if role in absent]
     if {"navsat", "usbl"} <= absent:
         missing.append(Missing("fixes", f"{names['navsat']}, {names['usbl']}", COSTS["fixes"]))
@@ -157,17 +156,17 @@ def _missing(log: Log, navigation: Navigation | None) -> list[Missing]:
     if log.rig_text is None:
         missing.append(Missing("rig.yaml", "", COSTS["rig.yaml"]))
     if navigation is not None:
-        missing += _missing_inside(log, navigation)
+        missing += _missing_inside(log, navigation, whole)
     return missing
 
 
-def _missing_inside(log: Log, navigation: Navigation) -> list[Missing]:
+def _missing_inside(log: Log, navigation: Navigation, whole: bool) -> list[Missing]:
     """What only the messages themselves tell: an IMU without attitude, a DVL that never saw the ground, mounts."""
     topics = log.settings.topics
     missing = []
     if navigation.imu is not None and np.isnan(navigation.imu.attitude).all():
         missing.append(Missing("attitude", topics.imu, COSTS["attitude"]))
-    if navigation.dvl is not None and np.isnan(navigation.dvl.velocity).all():
+    if whole and navigation.dvl is not None and np.isnan(navigation.dvl.velocity).all():
         missing.append(Missing("dvl", topics.dvl, f"it never saw the ground: {COSTS['dvl']}"))
     frames = {"imu_link": navigation.imu, "dvl_link": navigation.dvl, "pressure_link": navigation.pressure}
     needed = [frame for frame, sensor in frames.items() if sensor is not None] + ["rig"]

@@ -6,7 +6,6 @@ an error has been raised; what is in it may still be nonsense that a recorder wr
 
 from __future__ import annotations
 
-import re
 import struct
 import zlib
 from collections.abc import Container, Iterator
@@ -22,13 +21,16 @@ from mcap.records import Attachment
 
 MAGIC = b"\x89MCAP0\r\n"
 MAX_CHUNK = 1 << 30  # bytes; what a hostile header may make us allocate
+AT_ONCE = 1 << 22  # bytes; a larger chunk is decompressed in pieces of these
+MAX_RECORD = MAX_CHUNK + (1 << 16)  # bytes, packed
 RECORD = struct.Struct("<BQ")
 CHUNK_HEAD = struct.Struct("<QQQII")
 MESSAGE_HEAD = struct.Struct("<HIQQ")
 MESSAGE_START = struct.Struct("<BQH")
 MESSAGE = int(Opcode.MESSAGE)
-CHUNK_PATTERN = re.compile(rb"\x06(?=.{5}\0\0\0.{28}(?:\0{4}|\x03\0{3}lz4|\x04\0{3}zstd).{8})", re.DOTALL)
 DAMAGE = (struct.error, ValueError, IndexError, EOFError, OverflowError, MemoryError, McapError)
+
+UNPACKABLE = (zstandard.ZstdError, RuntimeError, ValueError, EOFError)
 
 
 class Damaged(ValueError):
@@ -48,6 +50,7 @@ class RawMessage(NamedTuple):
     """A message as it lies in the log; data is a view into its chunk."""
 
     channel: int
+    sequence: int
     log_time: int
     publish_time: int
     data: memoryview
@@ -69,15 +72,16 @@ class ChunkHead(NamedTuple):
     data_start: int
 
 
-def chunk_head(content: memoryview) -> ChunkHead:
-    """The head of a chunk record's content; raises Damaged where its lengths contradict each other."""
+def chunk_head(content: memoryview, whole: bool = True) -> ChunkHead:
+    """The head of a chunk record's content; raises Damaged where its lengths contradict each other, which they do in one
+    that is not whole."""
     if len(content) < CHUNK_HEAD.size + 8:
         raise Damaged("chunk cut short")
     begin, end, size, crc, name_length = CHUNK_HEAD.unpack_from(content)
     data_start = CHUNK_HEAD.size + name_length + 8
     if data_start > len(content):
         raise Damaged("chunk header overwritten")
-    if struct.unpack_from("<Q", content, data_start - 8)[0] != len(content) - data_start:
+    if whole and struct.unpack_from("<Q", content, data_start - 8)[0] != len(content) - data_start:
         raise Damaged("chunk header overwritten")
     return ChunkHead(begin, end, size, crc, bytes(content[CHUNK_HEAD.size : data_start - 8]), data_start)
 
@@ -90,7 +94,7 @@ def unpack_chunk(content: memoryview) -> memoryview:
     packed = content[head.data_start :]
     try:
         data = _decompress(packed, head)
-    except (zstandard.ZstdError, RuntimeError, ValueError, EOFError) as error:
+    except UNPACKABLE as error:
         raise Damaged("compressed data unreadable") from error
     if len(data) != head.size:
         raise Damaged("chunk of the wrong length")
@@ -102,6 +106,9 @@ def unpack_chunk(content: memoryview) -> memoryview:
 def _decompress(packed: memoryview, head: ChunkHead) -> bytes | memoryview:
     if head.compression == b"":
         return packed
+    if head.size > AT_ONCE:
+        # what is allocated is what was decoded so far, whatever the head claims
+        return b"".join(decoded(packed, head, AT_ONCE))
     if head.compression == b"zstd":
         # the frame states its own size, which is what would be allocated
         if zstandard.frame_content_size(packed) not in (-1, head.size):
@@ -110,6 +117,28 @@ def _decompress(packed: memoryview, head: ChunkHead) -> bytes | memoryview:
     if head.compression == b"lz4":
         return bytes(lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=head.size))
     raise Damaged("unknown compression")
+
+
+def decoded(packed: memoryview, head: ChunkHead, step: int) -> Iterator[bytes | memoryview]:
+    """A chunk's data in pieces of up to `step` bytes, not much more than its head states in all; raises what the decoder
+    raises where the stream is damaged."""
+    left = head.size
+    if head.compression == b"zstd":
+        with zstandard.ZstdDecompressor().stream_reader(BytesIO(packed)) as stream:
+            while left > 0 and (piece := stream.read(step)):
+                left -= len(piece)
+                yield piece
+    elif head.compression == b"lz4":
+        decoder = lz4.frame.LZ4FrameDecompressor()
+        piece = bytes(decoder.decompress(packed, max_length=step))
+        while piece and left > 0:
+            left -= len(piece)
+            yield piece
+            piece = b"" if decoder.eof else bytes(decoder.decompress(b"", max_length=step))
+    elif head.compression == b"":
+        yield packed[:left]
+    else:
+        raise Damaged("unknown compression")
 
 
 def records(buffer: memoryview) -> Iterator[tuple[int, memoryview]]:
@@ -137,11 +166,14 @@ def messages(buffer: memoryview, channels: Container[int]) -> Iterator[RawMessag
         if opcode == MESSAGE and channel in channels:
             if length < MESSAGE_HEAD.size:
                 raise Damaged("message cut short")
-            _, _, log_time, publish_time = MESSAGE_HEAD.unpack_from(buffer, position + RECORD.size)
-            yield RawMessage(
-                channel, log_time, publish_time, buffer[position + RECORD.size + MESSAGE_HEAD.size : following]
-            )
+            yield raw_message(buffer[position + RECORD.size : following])
         position = following
+
+
+def raw_message(content: memoryview) -> RawMessage:
+    """The message of a record's content."""
+    channel, sequence, log_time, publish_time = MESSAGE_HEAD.unpack_from(content)
+    return RawMessage(channel, sequence, log_time, publish_time, content[MESSAGE_HEAD.size :])
 
 
 def parse(record_type: type, content: memoryview) -> object:
@@ -158,26 +190,14 @@ def attachment_data(content: memoryview) -> bytes:
 
 
 def read_at(file: BinaryIO, offset: int, length: int) -> memoryview:
-    """Exactly `length` bytes at `offset`; raises Damaged where the file ends before."""
-    file.seek(offset)
-    data = file.read(length)
+    """Exactly `length` bytes at `offset`; raises Damaged where the file ends before, or the disk does not give them."""
+    if length > MAX_RECORD:
+        raise Damaged("record larger than 1 GiB")
+    try:
+        file.seek(offset)
+        data = file.read(length)
+    except OSError as error:
+        raise Damaged(f"cannot be read: {error.strerror or error}") from error
     if len(data) != length:
         raise Damaged("file ends inside a record")
     return memoryview(data)
-
-
-def next_chunk(file: BinaryIO, start: int, size: int) -> int | None:
-    """Offset of the first thing at or after `start` that has the shape of a chunk record, None where there is none."""
-    block, overlap = 1 << 24, 64
-    while start < size:
-        file.seek(start)
-        data = file.read(block + overlap)
-        for found in CHUNK_PATTERN.finditer(data):
-            offset = found.start()
-            length = RECORD.unpack_from(data, offset)[1]
-            name_length = struct.unpack_from("<I", data, offset + RECORD.size + 28)[0]
-            data_length = struct.unpack_from("<Q", data, offset + RECORD.size + 32 + name_length)[0]
-            if length == 40 + name_length + data_length and start + offset + RECORD.size + length <= size:
-                return start + offset
-        start += block
-    return None

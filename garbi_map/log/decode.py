@@ -1,7 +1,8 @@
 """ROS 2 messages to rows of numbers.
 
 A decoder takes a message's bytes (CDR, with its four bytes of encapsulation) and gives (stamp ns, values), or None
-where the message honestly carries no value (no satellite fix, another joint). On nonsense it raises one of BAD_MESSAGE.
+where the message honestly carries no value (no satellite fix, another joint); the stamp is None where the message has
+no header. On nonsense it raises one of BAD_MESSAGE.
 """
 
 from __future__ import annotations
@@ -14,16 +15,23 @@ from typing import Any
 from rosbags.serde import SerdeError
 from rosbags.typesys.store import Typestore
 
+from garbi_map.log.foreign import HEADERLESS, PICKERS
 from garbi_map.log.records import Image
 from garbi_map.log.types import DVL_MESSAGE
 
-Decoder = Callable[[memoryview], tuple[int, Sequence[float]] | None]
+Decoder = Callable[[memoryview], tuple[int | None, Sequence[float]] | None]
 BAD_MESSAGE = (SerdeError, struct.error, ValueError, LookupError, TypeError, AttributeError, OverflowError, MemoryError)
 IMAGE_TYPES = ("sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/Image")
 UNKNOWN_VARIANCE = 1e6  # m^2, of a height that a satellite fix does not give
 
 _HEADER = {1: struct.Struct("<iII"), 0: struct.Struct(">iII")}
 _NAN3 = (math.nan,) * 3
+
+
+def frame_of(data: memoryview) -> str:
+    """The frame of any message that begins with a std_msgs/Header."""
+    length = _header(data)[2]
+    return bytes(data[16 : 16 + length]).rstrip(b"\0").decode()
 
 
 def stamp_of(data: memoryview) -> int:
@@ -60,10 +68,11 @@ _pose = _doubles(43, lambda v: (*v[0:3], *v[7:10], *v[13:16], *v[19:22]))
 
 
 def _generic(types: Typestore, name: str, pick: Callable[[Any], Sequence[float] | None]) -> Decoder:
-    def decode(data: memoryview) -> tuple[int, Sequence[float]] | None:
+    def decode(data: memoryview) -> tuple[int | None, Sequence[float]] | None:
         message: Any = types.deserialize_cdr(data, name)
         values = pick(message)
-        return None if values is None else (_stamp(message), values)
+        stamp = None if name in HEADERLESS else _stamp(message)
+        return None if values is None else (stamp, values)
 
     return decode
 
@@ -104,21 +113,34 @@ def _dvl(message: Any) -> Sequence[float]:
     return *velocity, *message.velocity_covar
 
 
-def decoders(types: Typestore, joint: str, joints_seen: set[str]) -> dict[str, dict[str, tuple[int, Decoder]]]:
-    """role -> type name -> (values in a row, decoder). Names of joints that were met are added to `joints_seen`."""
-    return {
-        "encoder": {
-            "sensor_msgs/msg/JointState": (1, _generic(types, "sensor_msgs/msg/JointState", _joint(joint, joints_seen)))
-        },
-        "imu": {"sensor_msgs/msg/Imu": (19, _imu)},
-        "pressure": {"sensor_msgs/msg/FluidPressure": (1, _pressure)},
+WIDTHS = {
+    "encoder": 1, "imu": 19, "pressure": 1, "depth": 1, "attitude": 4,
+    "dvl": 12, "navsat": 12, "usbl": 12, "odometry": 7,
+}  # fmt: skip
+"""Values in a row, by role."""
+
+
+def decoders(types: Typestore, joint: str, joints_seen: set[str]) -> dict[str, dict[str, Decoder]]:
+    """role -> type name -> decoder. Names of joints that were met are added to `joints_seen`."""
+    joints = "sensor_msgs/msg/JointState"
+    own: dict[str, dict[str, Decoder]] = {
+        "encoder": {joints: _generic(types, joints, _joint(joint, joints_seen))},
+        "imu": {"sensor_msgs/msg/Imu": _imu},
+        "pressure": {"sensor_msgs/msg/FluidPressure": _pressure},
         "dvl": {
-            "geometry_msgs/msg/TwistWithCovarianceStamped": (12, _twist),
-            DVL_MESSAGE: (12, _generic(types, DVL_MESSAGE, _dvl)),
+            "geometry_msgs/msg/TwistWithCovarianceStamped": _twist,
+            DVL_MESSAGE: _generic(types, DVL_MESSAGE, _dvl),
         },
-        "navsat": {"sensor_msgs/msg/NavSatFix": (12, _generic(types, "sensor_msgs/msg/NavSatFix", _navsat))},
-        "usbl": {"geometry_msgs/msg/PoseWithCovarianceStamped": (12, _pose)},
-        "odometry": {"nav_msgs/msg/Odometry": (7, _generic(types, "nav_msgs/msg/Odometry", _odometry))},
+        "navsat": {"sensor_msgs/msg/NavSatFix": _generic(types, "sensor_msgs/msg/NavSatFix", _navsat)},
+        "usbl": {"geometry_msgs/msg/PoseWithCovarianceStamped": _pose},
+        "odometry": {"nav_msgs/msg/Odometry": _generic(types, "nav_msgs/msg/Odometry", _odometry)},
+    }
+    return {
+        role: {
+            **{name: _generic(types, name, pick) for name, pick in PICKERS.get(role, {}).items()},
+            **own.get(role, {}),
+        }
+        for role in WIDTHS
     }
 
 

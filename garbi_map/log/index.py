@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import BinaryIO
 
@@ -44,6 +45,8 @@ class Index:
     pieces      in file order; counts: channel -> messages; times: channel -> log times (n,), of a walked file only
     attachments name -> (offset, length) of the record
     losses      what was found damaged, one line each
+    sampled     only stretches of the file were looked at: `pieces` and `counts` are of these
+    stretches   places in `pieces` at which one begins, but for the first
     """
 
     path: Path
@@ -55,6 +58,22 @@ class Index:
     attachments: dict[str, tuple[int, int]] = field(default_factory=dict)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     losses: list[str] = field(default_factory=list)
+    sampled: bool = False
+    stretches: list[int] = field(default_factory=list)
+
+    @cached_property
+    def spans(self) -> Stamps:
+        """First and last log time (n, 2) of the pieces, which do not change once a file's index has been read."""
+        return np.array([(piece.begin, piece.end) for piece in self.pieces], np.uint64).astype(np.int64).reshape(-1, 2)
+
+    def between(self, first: int | None, last: int | None) -> list[Piece]:
+        """The pieces that may hold messages from one log time to another, ns, in file order."""
+        here = np.ones(len(self.pieces), bool)
+        if first is not None:
+            here &= self.spans[:, 1] >= first
+        if last is not None:
+            here &= self.spans[:, 0] <= last
+        return [self.pieces[place] for place in np.flatnonzero(here)]
 
     @property
     def begin(self) -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,11 +12,16 @@ from garbi_map.errors import GarbiError
 from garbi_map.log import chunks
 from garbi_map.log.chunks import DAMAGE, RawMessage
 from garbi_map.log.decode import BAD_MESSAGE, stamp_of
+from garbi_map.log.foreign import HEADERLESS
 from garbi_map.log.images import read_images
 from garbi_map.log.index import Index, Piece, has_checksum, message_times, read_attachment, read_piece
 from garbi_map.log.navigation import read_navigation
 from garbi_map.log.records import Image, Navigation, Stamps
 from garbi_map.log.settings import LogSettings
+from garbi_map.words import printable
+
+Stamped = list[tuple[int, RawMessage]]
+OTHER_CLOCK = 1_000_000_000  # ns between stamps and log times, more than which no recorder is late
 
 
 @dataclass(frozen=True)
@@ -36,12 +41,14 @@ class Log:
     metadata    the records of names and texts, by name
     damaged     begin and end, ns, of the stretches that could not be read, so far; it grows while reading
     losses      one line for everything that could not be read, so far; it grows while reading
+    remarks     one line for everything that was read but not taken as it is, so far; it grows while reading
     """
 
     def __init__(self, indexes: list[Index], settings: LogSettings) -> None:
         self.settings = settings
-        self._indexes = indexes
+        self.indexes = indexes
         self._losses: dict[str, None] = {}
+        self._remarks: dict[str, None] = {}
         self.damaged: list[tuple[int, int]] = []
         self.topics = self._find_topics()
         self._clock_offset = self._arrival_offset = 0
@@ -52,16 +59,30 @@ class Log:
     @property
     def losses(self) -> list[str]:
         """What could not be read so far, one line each."""
-        return [*(line for index in self._indexes for line in index.losses), *self._losses]
+        return [printable(line) for line in (*(line for index in self.indexes for line in index.losses), *self._losses)]
 
     def lose(self, line: str) -> None:
         """Name a loss, once."""
         self._losses[line] = None
 
     @property
+    def remarks(self) -> list[str]:
+        """What was read but not taken as it is, so far, one line each."""
+        return list(self._remarks)
+
+    def remark(self, line: str) -> None:
+        """Say how something was read, once."""
+        self._remarks[line] = None
+
+    @property
+    def name(self) -> str:
+        """The names of the files."""
+        return ", ".join(index.path.name for index in self.indexes)
+
+    @property
     def size(self) -> int:
         """Bytes of all files."""
-        return sum(index.path.stat().st_size for index in self._indexes)
+        return sum(index.path.stat().st_size for index in self.indexes)
 
     @property
     def image_count(self) -> int:
@@ -90,6 +111,10 @@ class Log:
         """Whether a stamp is believable: its distance from its arrival is about the usual one."""
         return abs(stamp_ns - arrival_ns - self._arrival_offset) <= self.settings.clock_tolerance * 1e9
 
+    def stamp_of_recording(self, log_time: int) -> int:
+        """The header stamp that stands for a log time: itself, unless the stamps come from another clock."""
+        return log_time + (self._clock_offset if abs(self._clock_offset) > OTHER_CLOCK else 0)
+
     def type_of(self, role: str, usable: tuple[str, ...]) -> str | None:
         """The type of the topic that plays a role, None where the log has none; GarbiError where it is not usable."""
         name: str = getattr(self.settings.topics, role)
@@ -112,14 +137,15 @@ class Log:
         margin = int(self.settings.clock_tolerance * 1e9)
         first = None if begin_ns is None else begin_ns - self._clock_offset - margin
         last = None if end_ns is None else end_ns - self._clock_offset + margin
-        for index in self._indexes:
+        return self.recorded(topics, first, last)
+
+    def recorded(self, topics: set[str], first: int | None, last: int | None) -> Iterator[tuple[str, RawMessage]]:
+        """(topic, message) of some topics in the order of recording, from every piece of the log that reaches into the
+        time from `first` to `last`, log times, ns."""
+        for index in self.indexes:
             wanted = {number for number, channel in index.channels.items() if channel.topic in topics}
             pieces = [
-                piece
-                for piece in index.pieces
-                if (piece.channels is None or wanted & piece.channels)
-                and (first is None or piece.end >= first)
-                and (last is None or piece.begin <= last)
+                piece for piece in index.between(first, last) if piece.channels is None or wanted & piece.channels
             ]
             names = {number: index.topic(number) for number in wanted}
             for message in self._messages_of(index, pieces, wanted):
@@ -129,7 +155,7 @@ class Log:
         """Read every byte that holds a message; what fails its checksum goes into `losses`. False where some part of
         the log carries no checksum, so that damage there cannot be seen."""
         protected = True
-        for index in self._indexes:
+        for index in self.indexes:
             with index.open() as file:
                 for piece in index.pieces:
                     try:
@@ -148,7 +174,7 @@ class Log:
                     self._lose_piece(index, piece, chunks.reason(error))
 
     def _lose_piece(self, index: Index, piece: Piece, why: str) -> None:
-        start = self._indexes[0].begin
+        start = self.indexes[0].begin
         begin, end = (piece.begin - start) * 1e-9, (piece.end - start) * 1e-9
         if (piece.begin, piece.end) not in self.damaged:
             self.damaged.append((piece.begin, piece.end))
@@ -156,12 +182,12 @@ class Log:
 
     def schemas(self) -> list[Schema]:
         """The message definitions of all files."""
-        return [schema for index in self._indexes for schema in index.schemas.values()]
+        return [schema for index in self.indexes for schema in index.schemas.values()]
 
     def log_times(self) -> dict[str, Stamps]:
         """Log times of every message by topic, ascending, without reading the messages; from the message indexes."""
         times: dict[str, list[Stamps]] = {}
-        for index in self._indexes:
+        for index in self.indexes:
             if index.times is not None:
                 for channel, parts in index.times.items():
                     times.setdefault(index.topic(channel), []).extend(parts)
@@ -179,7 +205,7 @@ class Log:
         return {topic: np.sort(np.concatenate(parts)) for topic, parts in times.items()}
 
     def _find_rig(self) -> str | None:
-        for index in self._indexes:
+        for index in self.indexes:
             if "rig.yaml" in index.attachments:
                 try:
                     return read_attachment(index, "rig.yaml").decode()
@@ -189,39 +215,52 @@ class Log:
 
     def _find_topics(self) -> dict[str, Topic]:
         topics: dict[str, Topic] = {}
-        for index in self._indexes:
+        for index in self.indexes:
             for number, channel in sorted(index.channels.items()):
                 schema = index.schemas.get(channel.schema_id)
                 known = topics.get(channel.topic)
-                topics[channel.topic] = Topic(
-                    schema.name if schema else (known.type if known else ""),
-                    index.counts[number] + (known.count if known else 0),
-                )
+                name = schema.name if schema else (known.type if known else "")
+                if channel.message_encoding not in ("cdr", ""):
+                    name = f"{name} as {channel.message_encoding}"  # which no role can use, and says so
+                topics[channel.topic] = Topic(name, index.counts[number] + (known.count if known else 0))
         return topics
 
     def _find_times(self) -> tuple[int, int]:
         """First and last header stamp; learns the usual offsets of the stamps' clock to log times and arrivals."""
         topics = set(self.settings.topics.model_dump().values()) - {self.settings.topics.tf_static, ""}
-        first = self._stamped(self._indexes[0], topics, forward=True)
-        last = self._stamped(max(self._indexes, key=lambda index: index.end), topics, forward=False)
+        stamped = {topic for topic in topics & self.topics.keys() if self.topics[topic].type not in HEADERLESS}
+        first, last = self._first_and_last(stamped)
         if first:
             self._clock_offset = int(np.median([stamp - message.log_time for stamp, message in first]))
             self._arrival_offset = int(np.median([stamp - message.arrival(stamp) for stamp, message in first]))
         stamps = [stamp for stamp, message in first + last if self.near_arrival(stamp, message.arrival(stamp))]
-        if not stamps:
-            return self._indexes[0].begin, max(index.end for index in self._indexes)
-        return min(stamps), max(stamps)
+        return (min(stamps), max(stamps)) if stamps else self.recorded_span()
 
-    def _stamped(self, index: Index, topics: set[str], forward: bool) -> list[tuple[int, RawMessage]]:
+    def recorded_span(self) -> tuple[int, int]:
+        """First and last log time."""
+        return self.indexes[0].begin, max(index.end for index in self.indexes)
+
+    def _first_and_last(self, topics: set[str]) -> tuple[Stamped, Stamped]:
+        """Messages of some topics near the begin and near the end of the log."""
+        first = self._stamped(self.indexes[0], topics, forward=True)
+        return first, self._stamped(max(self.indexes, key=lambda index: index.end), topics, forward=False)
+
+    def _stamped(self, index: Index, topics: set[str], forward: bool) -> Stamped:
         """(header stamp, message) of some topics in the first or last piece that has any."""
         wanted = {number for number, channel in index.channels.items() if channel.topic in topics}
         for piece in sorted(index.pieces, key=lambda piece: piece.begin, reverse=not forward):
-            found = []
-            for message in self._messages_of(index, [piece], wanted):
-                try:
-                    found.append((stamp_of(message.data), message))
-                except BAD_MESSAGE:
-                    continue
+            found = with_stamps(self._messages_of(index, [piece], wanted))
             if found:
                 return found
         return []
+
+
+def with_stamps(messages: Iterable[RawMessage]) -> Stamped:
+    """(header stamp, message) of those that have a header."""
+    found = []
+    for message in messages:
+        try:
+            found.append((stamp_of(message.data), message))
+        except BAD_MESSAGE:
+            continue
+    return found

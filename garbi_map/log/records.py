@@ -54,6 +54,15 @@ class Imu:
 
 
 @dataclass(frozen=True)
+class Attitude:
+    """Attitude (n, 4) xyzw ENU <- imu_link from a topic of its own."""
+
+    stamp_ns: Stamps
+    arrival_ns: Stamps
+    quaternion: Floats
+
+
+@dataclass(frozen=True)
 class Pressure:
     """Absolute pressure (n,) Pa at `pressure_link`."""
 

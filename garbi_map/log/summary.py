@@ -15,6 +15,8 @@ from garbi_map.log.chunks import DAMAGE, MAGIC, RECORD, Damaged, Unindexed
 from garbi_map.log.index import Index, Piece, message_times
 
 FOOTER = struct.Struct("<BQQQI")
+CHUNK_INDEX = struct.Struct("<QQQQI")
+MESSAGE_INDEX_OFFSET = struct.Struct("<HQ")
 
 
 def index_from_summary(path: Path, file: BinaryIO, size: int) -> Index:
@@ -43,8 +45,7 @@ def index_from_summary(path: Path, file: BinaryIO, size: int) -> Index:
             statistics = cast(mcap_records.Statistics, chunks.parse(mcap_records.Statistics, content))
             index.counts.update(statistics.channel_message_counts)
         elif opcode == Opcode.CHUNK_INDEX:
-            entry = cast(mcap_records.ChunkIndex, chunks.parse(mcap_records.ChunkIndex, content))
-            index.pieces.append(_piece(entry, summary_start))
+            index.pieces.append(_piece(content, summary_start))
         elif opcode == Opcode.ATTACHMENT_INDEX:
             attachment = cast(mcap_records.AttachmentIndex, chunks.parse(mcap_records.AttachmentIndex, content))
             index.attachments[attachment.name] = (attachment.offset, attachment.length)
@@ -64,19 +65,17 @@ def index_from_summary(path: Path, file: BinaryIO, size: int) -> Index:
     return index
 
 
-def _piece(entry: mcap_records.ChunkIndex, data_end: int) -> Piece:
-    if entry.chunk_start_offset + entry.chunk_length > data_end:
+def _piece(content: memoryview, data_end: int) -> Piece:
+    """The piece of a ChunkIndex record, read by hand: a log of hours has tens of thousands of them."""
+    begin, end, offset, length, size = CHUNK_INDEX.unpack_from(content)
+    if offset + length > data_end:
         raise Damaged("it points outside the file")
-    indexes = entry.message_index_offsets
-    return Piece(
-        entry.chunk_start_offset,
-        entry.chunk_length,
-        entry.message_start_time,
-        entry.message_end_time,
-        indexes=indexes,
-        channels=frozenset(indexes) if indexes else None,
-        announced=(entry.message_start_time, entry.message_end_time),
-    )
+    entries = content[CHUNK_INDEX.size : CHUNK_INDEX.size + size]
+    if len(entries) != size:
+        raise Damaged("a chunk index is cut short")
+    indexes = dict(MESSAGE_INDEX_OFFSET.iter_unpack(entries))
+    channels = frozenset(indexes) if indexes else None
+    return Piece(offset, length, begin, end, indexes=indexes, channels=channels, announced=(begin, end))
 
 
 def _read_metadata(index: Index, file: BinaryIO, entry: mcap_records.MetadataIndex) -> None:

@@ -1,4 +1,4 @@
-"""The ROS 2 message types of a log: the standard ones, and the one that the log itself has to define."""
+"""The ROS 2 message types of a log: the standard ones, and the few that the log itself has to define."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ from rosbags.typesys.base import TypesysError
 from rosbags.typesys.store import Typestore
 
 from garbi_map.errors import GarbiError
+from garbi_map.log.foreign import WATER_LINKED
 
 DVL_MESSAGE = "marine_acoustic_msgs/msg/Dvl"
+DEFINED_BY_LOGS = (DVL_MESSAGE, WATER_LINKED)
 MAX_DEFINITION = 1 << 16  # bytes
 HUGE_ARRAY = re.compile(r"\[[^\]]*\d{4}")
 
@@ -24,15 +26,16 @@ def standard_types() -> Typestore:
 
 
 def log_types(schemas: Iterable[Schema]) -> Typestore:
-    """The store for a log's messages: the standard types, and the Dvl message where the log defines it.
+    """The store for a log's messages: the standard types, and the DVL messages that the log defines.
 
     Code is generated from a definition, and a log is untrusted: nothing else is taken from it, and nothing huge.
     """
-    dvl = next((schema for schema in schemas if schema.name == DVL_MESSAGE), None)
-    if dvl is None:
+    defined = {schema.name: schema for schema in schemas if schema.name in DEFINED_BY_LOGS}
+    if not defined:
         return _shared_types()
     store = standard_types()
-    _register(store, dvl)
+    for schema in defined.values():
+        _register(store, schema)
     return store
 
 

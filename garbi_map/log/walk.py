@@ -11,88 +11,123 @@ import numpy as np
 from mcap import records as mcap_records
 from mcap.opcode import Opcode
 
-from garbi_map.log import chunks
+from garbi_map.log import chunks, salvage
 from garbi_map.log.chunks import DAMAGE, MAGIC, MESSAGE_HEAD, RECORD, Damaged, reason
-from garbi_map.log.index import Index, Piece
+from garbi_map.log.index import Index, Piece, read_piece
+from garbi_map.log.survey import LOST, Frame, next_shape, survey
 from garbi_map.words import many
 
 RAW_PIECE = 1 << 20  # bytes of a file without chunks that are read at once
-SMALL = 1 << 28  # bytes; no record but a chunk or an attachment is larger
-PLAIN = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE}
+STRETCH = 1 << 22  # bytes of a stretch where a file is sampled
+SEEK_BLOCK = 1 << 20  # bytes that are read at once to find its first chunk
 
 
 def index_by_walking(path: Path, file: BinaryIO, size: int) -> Index:
     """The index of what can be read, with each loss named. Never raises on damage."""
-    walk = _Walk(path, file, size)
-    position: int | None = len(MAGIC)
-    while position is not None and position < size:
-        position = walk.step(position)
+    walk = _Walk(path, file)
+    for frame in survey(file, size):
+        walk.take_or_lose(frame)
+    return walk.finish()
+
+
+def index_by_seeking(path: Path, file: BinaryIO, size: int, places: int = 64) -> Index:
+    """The index of a few stretches of a large file, evenly spread, its begin and its end among them. Never raises on
+    damage; what lies between the stretches is neither known nor lost."""
+    walk = _Walk(path, file)
+    walk.index.sampled = True
+    length = min(STRETCH, size // (places + 2))
+    for place in range(places + 1):
+        start = max(place * (size - length) // places, len(MAGIC))
+        if place:
+            walk.index.stretches.append(len(walk.index.pieces))
+        first = next_shape(file, start, size, SEEK_BLOCK) if place else start
+        for frame in survey(file, size, first) if first is not None else ():
+            if frame.offset >= start + length:
+                break
+            walk.take_or_lose(frame)
     return walk.finish()
 
 
 class _Walk:
-    def __init__(self, path: Path, file: BinaryIO, size: int) -> None:
+    def __init__(self, path: Path, file: BinaryIO) -> None:
         self.index = Index(path, times={})
-        self.file, self.size = file, size
+        self.file = file
         self.chunked = False
         self.loose: list[Piece] = []
+        self.nameless: list[Piece] = []  # chunks with topics whose names may still come
         self.whole: tuple[int, int] | None = None  # where the data end, and their checksum
 
-    def step(self, position: int) -> int | None:
-        """Take in the record at `position`; the position of the next one, None at the end of the data."""
+    def take_or_lose(self, frame: Frame) -> None:
+        """Take in a record, or name it as lost."""
         try:
-            opcode, length = RECORD.unpack(chunks.read_at(self.file, position, RECORD.size))
-            following = position + RECORD.size + length
-            if opcode == 0 or opcode == Opcode.FOOTER or following > self.size:
-                raise Damaged("cut short" if following > self.size else "overwritten")
-            if opcode == Opcode.CHUNK:
-                self._chunk(position, length)
-            elif opcode in PLAIN:
-                self._plain(opcode, position, length)
-            elif opcode == Opcode.ATTACHMENT:
-                content = chunks.read_at(self.file, position + RECORD.size, length)
-                chunks.attachment_data(content)
-                record = cast(mcap_records.Attachment, chunks.parse(mcap_records.Attachment, content))
-                self.index.attachments[record.name] = (position, RECORD.size + length)
-            elif opcode == Opcode.METADATA:
-                self._metadata(position, length)
-            elif opcode == Opcode.MESSAGE_INDEX:
-                self._check_message_index(position, length)
-            elif opcode == Opcode.DATA_END:
-                self._end(position, length)
-                return None
+            self._take_in(frame)
         except DAMAGE as error:
-            return self._lose(position, reason(error))
-        return following
+            self._name_loss(frame.offset, f"{frame.length} bytes lost ({reason(error)})")
 
-    def _chunk(self, position: int, length: int) -> None:
-        content = chunks.read_at(self.file, position + RECORD.size, length)
-        head = chunks.chunk_head(content)
+    def _take_in(self, frame: Frame) -> None:
+        if frame.opcode == LOST:
+            raise Damaged(frame.why)
+        if frame.opcode == Opcode.CHUNK:
+            self._chunk(frame)
+        elif frame.opcode == Opcode.MESSAGE:
+            self._loose_message(frame)
+        elif frame.opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+            self._define(frame.opcode, self._content(frame), protected=False)
+        elif frame.opcode == Opcode.ATTACHMENT:
+            content = self._content(frame)
+            chunks.attachment_data(content)
+            name = cast(mcap_records.Attachment, chunks.parse(mcap_records.Attachment, content)).name
+            self.index.attachments[name] = (frame.offset, frame.length)
+        elif frame.opcode == Opcode.METADATA:
+            record = cast(mcap_records.Metadata, chunks.parse(mcap_records.Metadata, self._content(frame)))
+            self.index.metadata[record.name] = record.metadata
+        elif frame.opcode == Opcode.DATA_END:
+            self.whole = (frame.offset, struct.unpack("<I", self._content(frame))[0])
+
+    def _content(self, frame: Frame) -> memoryview:
+        return chunks.read_at(self.file, frame.offset + RECORD.size, frame.length - RECORD.size)
+
+    def _chunk(self, frame: Frame) -> None:
+        content = self._content(frame)
         self.chunked = True
         try:
-            self._take(chunks.unpack_chunk(content), Piece(position, RECORD.size + length, head.begin, head.end))
+            if frame.why:
+                raise Damaged(frame.why)
+            buffer = chunks.unpack_chunk(content)
+            for opcode, record in chunks.records(buffer):
+                if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                    self._define(opcode, record, protected=True)
+            self._take(buffer, Piece(frame.offset, frame.length, 0, 0))
         except DAMAGE as error:
-            # its frame is sound, so the walk goes on behind it
-            self._name_loss(position, f"chunk lost ({reason(error)})")
+            self._name_loss(frame.offset, f"chunk lost ({reason(error)})")
+            self._names_in_damaged(content)
 
-    def _plain(self, opcode: int, position: int, length: int) -> None:
-        """A record outside of any chunk; messages are gathered into pieces of about a megabyte."""
-        if length > SMALL:
-            raise Damaged("overwritten")
-        content = chunks.read_at(self.file, position + RECORD.size, length)
-        if opcode != Opcode.MESSAGE:
-            self._define(opcode, content, protected=False)
-            return
-        if MESSAGE_HEAD.unpack_from(content)[0] not in self.index.channels:
+    def _names_in_damaged(self, content: memoryview) -> None:
+        """The recorder names a topic once: in a chunk that is lost, perhaps. No checksum proves the name, so it is only
+        taken where no other is known, and said."""
+        known = set(self.index.channels)
+        for opcode, record in salvage.definitions(salvage.decoded_part(content)):
+            self._define(opcode, record, protected=False)
+        found = [self.index.topic(number) for number in sorted(self.index.channels.keys() - known)]
+        if found:
+            names = ", ".join(found[:8]) + (" and others" if len(found) > 8 else "")
+            self.index.losses.append(f"{self.index.path.name}: names from a damaged chunk, not proven: {names}")
+
+    def _loose_message(self, frame: Frame) -> None:
+        """A message outside of any chunk; they are gathered into pieces of about a megabyte."""
+        channel = MESSAGE_HEAD.unpack(chunks.read_at(self.file, frame.offset + RECORD.size, MESSAGE_HEAD.size))[0]
+        if channel not in self.index.channels:
             raise Damaged("message of an unknown topic")
         last = self.loose[-1] if self.loose else None
-        if last and last.offset + last.length == position and last.length < RAW_PIECE:
-            last.length += RECORD.size + length
+        if last and last.offset + last.length == frame.offset and last.length < RAW_PIECE:
+            last.length += frame.length
         else:
-            self.loose.append(Piece(position, RECORD.size + length, 0, 0, raw=True))
+            self.loose.append(Piece(frame.offset, frame.length, 0, 0, raw=True))
 
     def finish(self) -> Index:
         """Take in the messages outside of chunks, but where there are chunks: there, they are the debris of one."""
+        for piece in self.nameless:
+            self._take_late(piece)
         if self.chunked and self.loose:
             size = sum(piece.length for piece in self.loose)
             self._name_loss(
@@ -100,19 +135,27 @@ class _Walk:
             )
         elif not self.chunked:
             for piece in self.loose:
-                self._take(chunks.read_at(self.file, piece.offset, piece.length), piece)
+                self._take_late(piece)
             self._check_whole()
+        self.index.pieces.sort(key=lambda piece: piece.offset)
         return self.index
 
-    def _take(self, buffer: memoryview, piece: Piece) -> None:
-        for opcode, content in chunks.records(buffer):
-            if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                self._define(opcode, content, protected=True)
+    def _take_late(self, piece: Piece) -> None:
+        try:
+            self._take(read_piece(self.file, piece), piece, last=True)
+        except DAMAGE as error:
+            self._name_loss(piece.offset, f"{piece.length} bytes lost ({reason(error)})")
+
+    def _take(self, buffer: memoryview, piece: Piece, last: bool = False) -> None:
+        """Count a piece's messages; unless it is the last chance, names that are not known yet are waited for."""
         times: dict[int, list[int]] = {}
         everything = range(1 << 16)
         for message in chunks.messages(buffer, everything):
             times.setdefault(message.channel, []).append(message.log_time)
         unknown = times.keys() - self.index.channels.keys()
+        if unknown and not last:
+            self.nameless.append(piece)
+            return
         for channel in unknown:
             count = len(times.pop(channel))
             self._name_loss(piece.offset, f"{many(count, 'message')} of a topic whose name was lost")
@@ -138,24 +181,6 @@ class _Walk:
             if protected or channel.id not in self.index.channels:
                 self.index.channels[channel.id] = channel
 
-    def _metadata(self, position: int, length: int) -> None:
-        if length > SMALL:
-            raise Damaged("overwritten")
-        content = chunks.read_at(self.file, position + RECORD.size, length)
-        record = cast(mcap_records.Metadata, chunks.parse(mcap_records.Metadata, content))
-        self.index.metadata[record.name] = record.metadata
-
-    def _end(self, position: int, length: int) -> None:
-        if length != 4:
-            raise Damaged("overwritten")
-        self.whole = (position, struct.unpack("<I", chunks.read_at(self.file, position + RECORD.size, 4))[0])
-
-    def _check_message_index(self, position: int, length: int) -> None:
-        """A garbled length here would swallow the chunks behind it unseen."""
-        entries = struct.unpack_from("<I", chunks.read_at(self.file, position + RECORD.size, 6), 2)[0]
-        if length != 6 + entries:
-            raise Damaged("overwritten")
-
     def _check_whole(self) -> None:
         """Records outside of chunks have no checksum of their own, but all data before the end of the data may."""
         if self.whole is None or not self.whole[1]:
@@ -166,12 +191,6 @@ class _Walk:
             found = zlib.crc32(chunks.read_at(self.file, start, min(RAW_PIECE, end - start)), found)
         if found != crc:
             self._name_loss(end, "the checksum of the whole does not match: some messages are wrong")
-
-    def _lose(self, position: int, why: str) -> int | None:
-        following = chunks.next_chunk(self.file, position + 1, self.size)
-        lost = (following or self.size) - position
-        self._name_loss(position, f"{lost} bytes lost ({why})")
-        return following
 
     def _name_loss(self, position: int, what: str) -> None:
         pieces = self.index.pieces

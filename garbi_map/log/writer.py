@@ -63,7 +63,10 @@ class LogWriter:
         self._flushed = 0
         with self._refusals():
             self._file = open_file(self._aside)
-        self._writer = Writer(self._file, chunk_size=chunk_size, compression=COMPRESSION[compression])
+        # the checksum of all data protects what lies outside of chunks: metadata
+        self._writer = Writer(
+            self._file, chunk_size=chunk_size, compression=COMPRESSION[compression], enable_data_crcs=True
+        )
         self._writer.start("ros2", "garbi")
 
     @contextmanager
@@ -134,13 +137,14 @@ class LogWriter:
             self._writer.add_metadata(name, record)
 
     def write(self, topic: str, type_name: str, message: object, stamp_ns: int, arrival_ns: int | None = None) -> None:
-        """Write any message: an instance of `self.types.types[type_name]`, arrays as numpy arrays of the right type."""
-        data = self.types.serialize_cdr(message, type_name, little_endian=True)
+        """Write a message of a standard type: CDR bytes, or a `self.types.types[type_name]` with arrays as numpy's."""
+        if not isinstance(message, bytes):
+            message = bytes(self.types.serialize_cdr(message, type_name, little_endian=True))
         channel = self._channel(topic, type_name)
         number = self._sequence[channel] = self._sequence.get(channel, -1) + 1
         arrival = stamp_ns if arrival_ns is None else arrival_ns
         with self._refusals():
-            self._writer.add_message(channel, int(stamp_ns), bytes(data), int(arrival), number)
+            self._writer.add_message(channel, int(stamp_ns), message, int(arrival), number)
 
     def _channel(self, topic: str, type_name: str) -> int:
         if topic in self._channels:

@@ -149,5 +149,5 @@ def _silences(log: Navigation, forward: ErrorStateFilter) -> list[str]:
         pauses = np.diff(sensor.stamp_ns) * 1e-9
         long = pauses[pauses > max(_LATE, 3.0 * usual)]
         if len(long) and name != "IMU":
-            lines.append(f"{name}: silent {len(long)} times, {long.sum():.1f} s in all")
+            lines.append(f"{name}: silent {many(len(long), 'time')}, {long.sum():.1f} s in all")
     return lines

@@ -12,6 +12,7 @@ import numpy as np
 import yaml
 
 from garbi_map.errors import GarbiError
+from garbi_map.plain_yaml import parse_yaml, read_text
 from garbi_map.rig.camera import Camera
 from garbi_map.rig.laser import Laser
 from garbi_map.rig.port import Port
@@ -24,12 +25,7 @@ UNIT = 1e-3  # how far from length one a direction may be written
 
 def load_rig(path: Path) -> Rig:
     """The rig of a file. Raises GarbiError that names the file, the key, its value and what is expected."""
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
-        raise GarbiError(f"{path}: cannot be read as a rig file: {reason}") from error
-    return parse_rig(text, str(path))
+    return parse_rig(read_text(Path(path)), str(path))
 
 
 def parse_rig(text: str, where: str) -> Rig:
@@ -52,11 +48,7 @@ def parse_laser(text: str, where: str, key: str = "laser") -> Laser:
 
 
 def _document(text: str, where: str) -> _Section:
-    try:
-        document = yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise GarbiError(f"{where}: not YAML: {' '.join(str(error).split())}") from error
-    return _Section(where, "", document)
+    return _Section(where, "", parse_yaml(text, where))
 
 
 def dump_rig(rig: Rig) -> str:

@@ -123,12 +123,17 @@ def bench(dive: BenchDive, removals: list[str], only_this: bool) -> Iterator[Row
                 begin = time.process_time()
                 made = way(dive.store, prior, mount)
                 yield row(without, method, scorer.score(made), took + time.process_time() - begin)
-        with tempfile.TemporaryDirectory() as scratch:
-            store = dive.copied(Path(scratch) / "sweeps")
-            begin = time.process_time()
-            found = register(store, left, navigated, config.registration, settings, scanner=dive.scanner)
-            took += time.process_time() - begin
-            yield row(without, "this map", scorer.score(found.trajectory, found.inside, store=store), took)
+        ours = (
+            {"this map": False, "this map, live": True} if without in BESIDE and not only_this else {"this map": False}
+        )
+        for method, live in ours.items():
+            chosen_settings = config.registration.model_copy(update={"live": live})
+            with tempfile.TemporaryDirectory() as scratch:
+                store = dive.copied(Path(scratch) / "sweeps")
+                begin = time.process_time()
+                found = register(store, left, navigated, chosen_settings, settings, scanner=dive.scanner)
+                spent = took + time.process_time() - begin
+                yield row(without, method, scorer.score(found.trajectory, found.inside, store=store), spent)
 
 
 if __name__ == "__main__":
