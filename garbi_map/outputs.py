@@ -34,6 +34,7 @@ from garbi_map.export import (
     write_text,
     write_trajectory,
 )
+from garbi_map.export.solid import surface_of, write_surface_ply
 from garbi_map.progress import Progress
 from garbi_map.register import ENTROPY_RADIUS
 from garbi_map.register.timing import NAMES
@@ -78,7 +79,7 @@ OUTPUTS = {
     "config.yaml": "the configuration that was used, defaults included",
     "db": "the map's database: the next dive into this folder makes the map grow",
 }
-
+SURFACE = "the surface in three dimensions, walls and overhangs included"
 
 _TORN = 1e-3
 """m between overlapping sweeps, ten times what is usual, from which on the drift estimate counts as failed."""
@@ -102,6 +103,11 @@ def write_outputs(out: Path, dive: Dive, store: SweepStore, built: Map, started:
     write_glb(out / "seabed.glb", mesh, reference)
     write_ply(out / "seabed.ply", mesh, reference)
     progress.advance()
+    if dive.config.seabed.solid.make:
+        mount = dive.navigation.mount("rig")
+        write_surface_ply(
+            out / "surface.ply", surface_of(out / "cloud.laz", built.path, mount, dive.config.seabed.solid)
+        )
     write_hillshade(out / "hillshade.png", built.seabed, settings, dive.paths[0].stem, not reference.is_local)
     progress.advance()
     dive.timings["files"] = time.perf_counter() - begin
@@ -161,7 +167,7 @@ def make_report(dive: Dive, store: SweepStore, built: Map) -> Report:
         timeline=timeline(dive, store),
         configuration=dive.config.model_dump(mode="json"),
         versions={"garbi": __version__, **{name: importlib.metadata.version(name) for name in _LIBRARIES}},
-        outputs=OUTPUTS,
+        outputs=OUTPUTS | ({"surface.ply": SURFACE} if dive.config.seabed.solid.make else {}),
     )
 
 

@@ -56,7 +56,7 @@ def verdict(found: Comparison) -> str:
         return f"Nothing changed. {seen}"
     kinds = [(kind, sum(patch.kind == kind for patch in found.patches)) for kind in ("moved", "appeared", "vanished")]
     told = ", ".join(f"{many(count, 'thing')} {kind}" for kind, count in kinds if count)
-    share = np.count_nonzero(found.labels) / max(np.count_nonzero(found.change.compared), 1)
+    share = float(np.count_nonzero(found.labels)) / max(float(np.count_nonzero(found.change.compared)), 1.0)
     return f"{told[0].upper()}{told[1:]}: {percent(min(share, 1.0))} of what both maps show. {seen}"
 
 

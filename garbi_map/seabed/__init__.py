@@ -3,7 +3,8 @@
 from garbi_map.seabed.builder import SeabedBuilder, build_seabed
 from garbi_map.seabed.holes import fill_holes
 from garbi_map.seabed.mesh import triangulate
-from garbi_map.seabed.settings import OutlierSettings, SeabedSettings
+from garbi_map.seabed.settings import OutlierSettings, SeabedSettings, SolidSettings
+from garbi_map.seabed.solid import SolidSurface
 from garbi_map.seabed.surface import SurfaceGrid
 from garbi_map.seabed.types import AcceptedPoints, JudgedPoints, Mesh, Points, Seabed, Verdict
 
@@ -16,6 +17,8 @@ __all__ = [
     "Seabed",
     "SeabedBuilder",
     "SeabedSettings",
+    "SolidSettings",
+    "SolidSurface",
     "SurfaceGrid",
     "Verdict",
     "build_seabed",

@@ -37,6 +37,17 @@ class OutlierSettings(Settings):
     max_sigma: float = Field(default=0.05, gt=0.0, description="m; a point less certain than this is left out")
 
 
+class SolidSettings(Settings):
+    """The surface in three dimensions."""
+
+    make: bool = Field(default=False, description="write surface.ply: half a minute for every square metre")
+    voxel: float = Field(default=0.004, gt=0.0, le=1.0, description="m; points are averaged in these")
+    tile: float = Field(default=1.0, gt=0.0, description="m, side of the cubes that are worked on one after the other")
+    normal_radius: float = Field(default=0.02, gt=0.0, description="m; the points within tell the surface's normal")
+    reach: float = Field(default=0.012, gt=0.0, description="m from a point, within which the surface is kept")
+    deepest: int = Field(default=9, ge=4, le=12, description="most halvings of a tile by the octree")
+
+
 class SeabedSettings(Settings):
     """Every field says its unit."""
 
@@ -54,3 +65,4 @@ class SeabedSettings(Settings):
         default=0.16, gt=0.0, description="m; sweeps are compared with their covariances over squares of this side"
     )
     outliers: OutlierSettings = OutlierSettings()
+    solid: SolidSettings = SolidSettings()

@@ -113,7 +113,8 @@ def change_blueprint(seabed: NDArray) -> Blueprint:
         _scene("After", [f"- /{style.BEFORE.path}", "- /map/changes/**"], eye, {}),
     ]
     words = rrb.TextDocumentView(origin=style.ABOUT, name="What is this?")
-    return rrb.Blueprint(rrb.Vertical(rrb.Tabs(*scenes), words, row_shares=[0.78, 0.22]), *_panels(1.0))
+    screen = rrb.Vertical(rrb.Tabs(*scenes), words, row_shares=[0.82, 0.18])
+    return rrb.Blueprint(screen, rrb.TimePanel(state="hidden"), *_panels(1.0)[1:])
 
 
 def work_blueprint() -> Blueprint:

@@ -47,6 +47,10 @@ class Result:
     movers_removed_before: float
     """by thin support alone"""
     seabed_removed_before: float
+    seen_again: float
+    """per cent of the movers' points whose place was seen through at least once; nothing tells of the others"""
+    seen_again_removed: float
+    """per cent of those that were left out"""
 
 
 def main() -> int:
@@ -88,8 +92,13 @@ def bench(name: str, scenario: Scenario, work: Path) -> Result:
     now = _removed(SeabedBuilder(config.seabed, mount, eyes), posed)
     blind = config.seabed.outliers.model_copy(update={"max_through": 1.0})
     before = _removed(SeabedBuilder(SeabedSettings(outliers=blind), mount, eyes), posed)
+    any_ray = config.seabed.outliers.model_copy(
+        update={"max_through": 1e-6, "beam": 0.008, "thin_beam": 0.008, "every": 1}
+    )
+    again = _removed(SeabedBuilder(SeabedSettings(outliers=any_ray), mount, eyes), posed)[mover]
     share = [round(100 * float(gone[mask].mean()), 3) for gone in (now, before) for mask in (mover, still)]
-    return Result(name, int(mover.sum()), *share)
+    seen = [100 * float(again.mean()), 100 * float(now[mover][again].mean())]
+    return Result(name, int(mover.sum()), *share, *(round(value, 3) for value in seen))
 
 
 def _removed(builder: SeabedBuilder, posed: list[Posed]) -> np.ndarray:
