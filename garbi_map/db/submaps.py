@@ -225,6 +225,10 @@ def read_submap(path: Path) -> Submap:
     )
 
 
+_REPEATED = ["camera_x", "camera_y", "camera_z", "stamp_ns", "sweep", "tile_a", "tile_b"]
+"""Columns with the same value in many rows; for the others a dictionary would take time and save nothing."""
+
+
 def write_parquet(path: Path, table: Any) -> None:
     """Aside, synced, renamed; with checksums; nothing in it depends on when it was written."""
     import pyarrow as pa
@@ -236,7 +240,14 @@ def write_parquet(path: Path, table: Any) -> None:
         raise GarbiError(f"{path.parent}: cannot be made: {error.strerror}") from error
     with written_aside(path) as aside:
         try:
-            pq.write_table(table, aside, compression="zstd", write_page_checksum=True)
+            pq.write_table(
+                table,
+                aside,
+                compression="lz4",
+                use_dictionary=[name for name in _REPEATED if name in table.column_names],
+                write_statistics=False,
+                write_page_checksum=True,
+            )
         except pa.ArrowException as error:
             raise GarbiError(f"{path}: cannot be written: {error}") from error
 

@@ -72,7 +72,7 @@ def merge_memories(memories: Iterable[tuple[Path, Tiles]], settings: SeabedSetti
     """
     memories = list(memories)
     tiles = {(a, b) for _, own in memories for a, b, _ in own}
-    grid = SurfaceGrid(settings, coarseness(tiles, settings))
+    grid = SurfaceGrid(settings, coarseness(tiles, settings), len(tiles))
     for path, _ in memories:
         grid.merge(read_memory(path, settings))
     return grid

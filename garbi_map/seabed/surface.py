@@ -25,11 +25,12 @@ class SurfaceGrid:
     other grids.
     """
 
-    def __init__(self, settings: SeabedSettings, factor: int = 1) -> None:
+    def __init__(self, settings: SeabedSettings, factor: int = 1, room: int = 16) -> None:
+        """room: tiles that there is memory for at first."""
         self._settings = settings
         self._factor = factor
         self._tiles: dict[tuple[int, int], int] = {}
-        self._cells = np.zeros((16, TILE // factor, TILE // factor), CELL)
+        self._cells = np.zeros((room, TILE // factor, TILE // factor), CELL)
         self._entries = np.full(self._cells.shape, -1, np.int32)
 
     @property
@@ -137,7 +138,7 @@ class SurfaceGrid:
         inside = tuple(slice(int(k.min()), int(k.max()) + 1) for k in np.nonzero(hit))
         corner = [float((low[k] * part + inside[k].start) * cell) for k in (0, 1)]
         window = max(3, 2 * round(0.5 * self._settings.agreement_window / cell) + 1)
-        cropped = {name: np.ascontiguousarray(band[inside].T) for name, band in bands.items()}
+        cropped = {name: np.ascontiguousarray(bands.pop(name)[inside].T) for name in list(bands)}  # one at a time
         return _rasters(cropped, (corner[0], corner[1]), cell, window)
 
     def _slot(self, index: tuple[int, int]) -> int:

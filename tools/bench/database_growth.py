@@ -25,7 +25,9 @@ SUBMAP_POINTS = 300_000
 """What half a minute of 20 images a second gives."""
 SWATH, SPEED = 1.0, 0.12
 """m and m/s: the ground that a slow vehicle covers in that time, so that the area grows with the points."""
-SWEEPS = 8
+SWEEPS, PROFILES = 8, 75
+REACH = 1.0
+"""m, along the way, that a sweep covers."""
 LANE = 36.0
 
 
@@ -125,12 +127,14 @@ def swath(number: int) -> list[tuple[int, JudgedPoints, np.ndarray]]:
     each = SUBMAP_POINTS // SWEEPS
     parts = []
     for k in range(SWEEPS):
-        x = along * length + rng.uniform(0, length, each)
-        y = 0.9 * SWATH * lane + np.sort(rng.uniform(0, SWATH, each))
+        profile = np.arange(each) * PROFILES // each
+        pass_ = profile / PROFILES if k % 2 else 1.0 - profile / PROFILES  # there and back, as the mirror turns
+        x = along * length + (k + 0.5) * length / SWEEPS + REACH * (pass_ - 0.5)
+        row = np.arange(each) % (each // PROFILES)
+        y = 0.9 * SWATH * lane + SWATH * (row + rng.uniform(0, 1, each)) * PROFILES / each
         slope = np.stack([0.3 * np.cos(40 * x), np.zeros(each)], axis=1)
         points = np.column_stack([x, y, 0.0075 * np.sin(40 * x) + 3e-4 * rng.normal(size=each)])
-        stamps = np.repeat(np.arange(each // 500, dtype=np.int64), 500) * 50_000_000
-        stamps = (np.r_[stamps, np.full(each - len(stamps), stamps[-1])]) + (SWEEPS * number + k) * 4_000_000_000
+        stamps = profile.astype(np.int64) * 50_000_000 + (SWEEPS * number + k) * 4_000_000_000
         judged = JudgedPoints(
             stamps, points, np.full(each, 4e-4, np.float32), rng.uniform(50, 200, each).astype(np.float32),
             np.zeros(each, np.uint8), gradient=slope, noise=rng.uniform(5e-8, 2e-7, each), pose=np.full(each, 2e-4),
