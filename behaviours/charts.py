@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from behaviours import kernels, kernels_charts
+from behaviours.moving import Mover
 from behaviours.settings import TravelSettings
 from behaviours.space import Space
 from behaviours.types import Pose
@@ -17,6 +18,7 @@ LAYER = 0.3  # m between heights
 REACH = 3.8  # m to each side of the vehicle
 ABOVE_AND_BELOW = 0.3  # m kept from what is occupied above and below
 FAR = 9.0  # m, where there is none
+ABOUT = 3.5  # columns about something that moves, which its hits may be in
 
 
 @dataclass(frozen=True)
@@ -44,10 +46,11 @@ class Charts:
         return int(np.abs(self.heights - point[2]).argmin()), int(i), int(j)
 
 
-def draw(space: Space, pose: Pose, middle: float, settings: TravelSettings) -> Charts:
+def draw(space: Space, pose: Pose, middle: float, settings: TravelSettings, movers: list[Mover]) -> Charts:
     """Charts about the vehicle, for heights within a band about `middle` m, odom, as the space is known now.
 
-    What was hit once may move: the longer ago that was, the nearer it may have come."""
+    What was hit once may move: the longer ago that was, the nearer it may have come. What is known to move, and how, is
+    left out: where it is now it will not be when the vehicle comes."""
     voxel = space.voxel
     count = 2 * round(settings.band / LAYER) + 1
     heights = np.array([middle + LAYER * (n - count // 2) for n in range(count)])
@@ -56,6 +59,12 @@ def draw(space: Space, pose: Pose, middle: float, settings: TravelSettings) -> C
         heights, float(space.half[2]), ABOVE_AND_BELOW, low, 2 * round(REACH / voxel), voxel, space.low, space.shape,
         space.settings.hits, round(space.settings.settled * 1e3), space.assumed_free_above, space.layers,
     )  # fmt: skip
+    for mover in movers:
+        if mover.passes > 1 and np.linalg.norm(mover.velocity) > 2 * mover.doubt:
+            i, j = np.ogrid[: occupied.shape[1], : occupied.shape[2]]
+            x, y = mover.at(pose.stamp_ns)[:2] / voxel - low - 0.5
+            about = np.hypot(i - x, j - y) < mover.radius / voxel + ABOUT
+            occupied[:, about], hit_ms[:, about] = False, kernels.NEVER
     near = np.empty(occupied.shape, np.float32)
     dark, wary = np.empty_like(near), np.empty_like(near)
     now = space.milliseconds(pose.stamp_ns)

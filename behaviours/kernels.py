@@ -117,51 +117,6 @@ def _walk(start, end, stop_short, voxel, low, shape, hits, least, now, sweep, ho
 
 
 @njit(cache=True, nogil=True)
-def proved(
-    origins: Floats,
-    directions: Floats,
-    return_depth: Floats,
-    clear_depth: float,
-    axis: Floats,
-    centre: Floats,
-    normal: Floats,
-    apex: Floats,
-) -> tuple[Floats, Floats]:
-    """What one profile proves to be free: from (n, 3) to (n, 3), m, rig frame.
-
-    origins, directions   (rows, columns, 3) rays of the camera in the rig frame, one group of image rows per row
-    return_depth          (rows,) nearest depth, m along `axis`, at which the group has a stripe; inf: it has none
-    clear_depth           depth up to which a missing stripe means free water; 0: it means nothing
-    normal, apex          of the sheet, rig frame
-
-    Where a ray meets the sheet nearer than its group's stripe there is no surface; light came from there to the camera,
-    so that the ray up to there is free as well.
-    """
-    rows, columns = origins.shape[0], origins.shape[1]
-    starts, ends = np.empty((rows * columns, 3)), np.empty((rows * columns, 3))
-    count = 0
-    for r in range(rows):
-        limit = return_depth[r] if return_depth[r] < 1e8 else clear_depth
-        if limit <= 0.0:
-            continue
-        for c in range(columns):
-            o, d = origins[r, c], directions[r, c]
-            across = normal[0] * d[0] + normal[1] * d[1] + normal[2] * d[2]
-            if abs(across) < 1e-9:
-                continue
-            s = (normal[0] * (apex[0] - o[0]) + normal[1] * (apex[1] - o[1]) + normal[2] * (apex[2] - o[2])) / across
-            if not s > 0.05:
-                continue
-            x, y, z = o[0] + s * d[0], o[1] + s * d[1], o[2] + s * d[2]
-            depth = (x - centre[0]) * axis[0] + (y - centre[1]) * axis[1] + (z - centre[2]) * axis[2]
-            if depth < limit:
-                starts[count] = o
-                ends[count, 0], ends[count, 1], ends[count, 2] = x, y, z
-                count += 1
-    return starts[:count], ends[:count]
-
-
-@njit(cache=True, nogil=True)
 def carve(
     starts: Floats,
     ends: Floats,
@@ -225,6 +180,31 @@ def hit(
             since_ms[a, b, c] = NEVER
             moving[a, b, c] = 0
     return surprising
+
+
+@njit(cache=True, nogil=True)
+def was_free(
+    points: Floats,
+    voxel: float,
+    low: NDArray[np.int64],
+    shape: NDArray[np.int64],
+    now: int,
+    sweep: int,
+    layers: tuple,
+) -> NDArray[np.bool_]:
+    """Whether points (n, 3), odom, that are about to be marked lie where an earlier pass than `sweep` saw free water and
+    nothing had been hit until this last second."""
+    _, _, _, hits, passes, last_pass, _, first_ms = layers
+    found = np.zeros(points.shape[0], np.bool_)
+    for p in range(points.shape[0]):
+        i = math.floor(points[p, 0] / voxel)
+        j = math.floor(points[p, 1] / voxel)
+        k = math.floor(points[p, 2] / voxel)
+        if _inside(i, j, k, low, shape):
+            a, b, c = i % shape[0], j % shape[1], k % shape[2]
+            before = passes[a, b, c] - (1 if last_pass[a, b, c] == sweep else 0)
+            found[p] = before > 0 and (hits[a, b, c] == 0 or now - first_ms[a, b, c] <= 1000)
+    return found
 
 
 @njit(cache=True, nogil=True)

@@ -6,6 +6,7 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from behaviours.avoidance import Avoidance
 from behaviours.coordinator import coordinate
@@ -26,6 +27,7 @@ from garbi_map.log.records import Floats, Mount
 from garbi_map.rig import Rig
 
 LOOK = 3.0  # m before the bow
+FARTHEST = 2.0  # m, at which the ground is looked for by a rig that looks ahead
 DRAWN_NS = 1_000_000_000  # between two pictures of the volume
 
 
@@ -45,7 +47,7 @@ class Pilot:
     def __init__(self, settings: BehaviourSettings, rig: Rig, mount: Mount) -> None:
         self.settings = settings
         self.space = Space(rig, mount, settings.vehicle, settings.space, settings.feed, settings.water)
-        self.movers = Movers()
+        self.movers = Movers(rig.camera.height)
         self.drift = Drift(settings.vehicle.skid, settings.vehicle.sway_time)
         self.sees_ahead = sees_ahead(rig, self.space, np.array(settings.vehicle.hull) / 2)
         self.safety = SafetyFilter(settings.vehicle, settings.safety, self.sees_ahead, settings.prior)
@@ -56,7 +58,7 @@ class Pilot:
             self.behaviours.append(Travel(settings.travel, settings.vehicle))
         if settings.survey:
             kind = Survey if settings.survey.area else Wander
-            self.behaviours.append(kind(settings.survey, float(mount.translation[0])))
+            self.behaviours.append(kind(settings.survey, ground_ahead(mount, settings.survey.altitude)))
         if settings.hold:
             self.behaviours.append(Stabilisation(settings.hold, mount.translation))
         self._half = np.array(settings.vehicle.hull) / 2
@@ -70,8 +72,9 @@ class Pilot:
                 seen.now_ns, None, [], stop, "none", "nothing is known yet: stop", stop, [], False, [], np.inf, ""
             )
         for profile in seen.profiles:
-            surprising = self.space.see(profile)
-            self.movers.see(profile, surprising)
+            self.movers.see(profile, *self.space.see(profile))
+            for place in self.movers.left():
+                self.space.forget(*place)
         self.space.be_at(seen.pose)
         self.drift.see(seen.pose)
         self.space.assume_free(self.settings.prior.free_above if self.settings.prior and not self.sees_ahead else None)
@@ -123,6 +126,7 @@ class Pilot:
             self.movers.now(),
             troubles,
             self.drift.current,
+            self.movers.undecided(seen.now_ns),
         )
 
     def _obstacle(self, seen: Seen) -> float:
@@ -150,6 +154,12 @@ def in_the_way(points: Floats, half: Floats) -> Floats:
         (points[:, 0] > half[0]) & (np.abs(points[:, 1]) < half[1] + margin) & (np.abs(points[:, 2]) < half[2] + margin)
     )
     return points[meets]
+
+
+def ground_ahead(mount: Mount, altitude: float) -> float:
+    """m before base_link at which the middle of the view meets the ground, from an altitude (m); FARTHEST at most."""
+    forward, _, up = Rotation.from_quat(mount.quaternion).apply([1.0, 0.0, 0.0])
+    return float(mount.translation[0] + min(altitude * forward / max(-up, 1e-3), FARTHEST))
 
 
 def sees_ahead(rig: Rig, space: Space, half: Floats) -> bool:

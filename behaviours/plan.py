@@ -25,9 +25,11 @@ from garbi_map.log.records import Floats
 CLIMB_PRICE = 2.0
 NEAR_PRICE, UNSEEN_PRICE = 1.5, 0.5
 TRIED_PRICE = 3.0
+OFF_PRICE = 0.25  # for each layer off the goal's height
 OUTSIDE = 1.5  # price of a metre beyond the charts
 STEP, COUNT, SOON = 0.5, 24, 13  # s, number of steps of a rehearsal, and of those that must stay in what was seen
-WEIGHTS = np.array([1.0, 20.0, 0.15, 12.0, 6.0])  # way left, obstacle, wish, unseen, looking
+WEIGHTS = np.array([1.0, 60.0, 0.15, 12.0, 6.0])  # way left, obstacle, wish, unseen, looking
+HABIT = 0.2  # price, on surge and yaw each, of doing the contrary of what was done last
 AROUND = 12  # cells of two columns to each side of the vehicle, in which its turning is planned
 LOOK_AHEAD, LOOK_MOST = 2.5, 60  # m of the way, columns
 LOOKED_MOST = 20_000  # columns that are remembered
@@ -56,6 +58,7 @@ class Planner:
         self._circles = DISCS * spacing
         self._radius = float(np.hypot(spacing / 2, half[1]))
         self._half = half
+        self._habit = np.zeros(2)
         self._looked: dict[tuple[int, int], float] = {}
         self._model = np.array([0.5, 0.5, vehicle.sway_time, vehicle.skid])
 
@@ -63,7 +66,7 @@ class Planner:
         """None: no way is known, not even through the unseen."""
         # The heights are a lattice that holds the goal's.
         middle = float(goal[2] + LAYER * np.round((pose.position[2] - goal[2]) / LAYER))
-        charts = draw(space, pose, middle, self._settings)
+        charts = draw(space, pose, middle, self._settings, movers)
         left, path = self._way(charts, pose, goal)
         if path is None:
             return None
@@ -81,7 +84,9 @@ class Planner:
             charts.occupied, charts.wary, charts.unseen, guide, 2 * charts.voxel, corner,
             self._circles, self._radius, margins, moving, look, view, WEIGHTS,
         )  # fmt: skip
+        price = price - HABIT * (np.sign(manoeuvres[:, :2]) == self._habit).sum(1)
         best = int(np.argmin(price))
+        self._habit = np.sign(manoeuvres[best, :2])
         surge, yaw, _, _, _, rise = manoeuvres[best]
         way, near, blind, seen = parts[best]
         words = f"{way:.1f} m of way would be left"
@@ -113,13 +118,15 @@ class Planner:
         around[np.isinf(around)] = 12.0  # the vehicle is here, however near: it has to get out
         n, i, j = charts.column(goal)
         target = np.array([n, i // 2, j // 2], np.int64)
+        off = np.abs(np.arange(len(cost)) - n)
+        cost += OFF_PRICE * off[:, None, None]  # at the goal's height sooner, not later
         begin = np.full(cost.shape, np.inf)
         cost[target[0], target[1], target[2]] = min(cost[target[0], target[1], target[2]], 12.0)
         edge = np.zeros(cost.shape[1:], bool)
         edge[[0, -1]], edge[:, [0, -1]] = True, True
         if edge[target[1], target[2]]:  # the goal lies outside, or as good as
             rest = np.hypot(*(self._middles(charts, a, b) - goal[:2, None, None])) / (2 * charts.voxel)
-            begin[:, edge] = OUTSIDE * rest[edge]
+            begin[:, edge] = OUTSIDE * rest[edge] + 2 * CLIMB_PRICE * off[:, None]
         else:
             begin[target[0], target[1], target[2]] = 0.0
         reached, parent = cheapest(cost.astype(np.float32), begin, CLIMB_PRICE)

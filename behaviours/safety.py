@@ -24,6 +24,7 @@ from garbi_map.log.records import Floats
 
 WEIGHT = np.array([1.0, 1.0, 0.35, 0.35])  # what a change on each axis costs, s or m
 NOTICEABLE = 0.005
+PASSED = 12.0  # s, within which a command leads past what moves
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,7 @@ class SafetyFilter:
         high[0] = min(high[0], fastest)
         constraints = [
             *self._still(pose, nearby),
-            *(one for mover in movers if (one := self._moving(pose, mover)) is not None),
+            *(one for mover in movers if (one := self._moving(wanted.array(), pose, mover)) is not None),
         ]
         rows = np.array([one.row for one in constraints]).reshape(-1, 4)
         start = np.clip(wanted.array(), low, high)
@@ -136,12 +137,12 @@ class SafetyFilter:
             found.append(Constraint(row, bound, relaxed, why))
         return found
 
-    def _moving(self, pose: Pose, mover: Mover) -> Constraint | None:
+    def _moving(self, wanted: Floats, pose: Pose, mover: Mover) -> Constraint | None:
         centre = pose.to_base(mover.at(pose.stamp_ns)[None])[0]
         point = np.clip(centre, -self._half, self._half)
         away = centre - point
         gap = float(np.linalg.norm(away))
-        if gap < 1e-6 or gap > self.settings.horizon + 1.0:
+        if gap < 1e-6 or gap > self.settings.horizon + 1.0 or self._clears(wanted, pose, mover, centre, gap):
             return None
         normal = away / gap
         margin = gap - mover.radius - self.settings.clearance_moving
@@ -149,7 +150,15 @@ class SafetyFilter:
         bound = self.limit(margin) if margin > 0 else -min(self.settings.gain * -margin, self.settings.retreat)
         bound -= max(closing, 0.0) if margin < closing * 3.0 + 0.2 else 0.0
         why = f"something moving {_where(normal, point)} at {gap - mover.radius:.2f} m, closing at {closing:.2f} m/s"
-        return Constraint(_row(normal, point), bound, max(bound, 0.0), why)
+        return Constraint(_row(normal, point), bound, max(bound, self.settings.nudge), why)
+
+    def _clears(self, wanted: Floats, pose: Pose, mover: Mover, centre: Floats, gap: float) -> bool:
+        """Whether the command, kept up, leads past it without coming nearer than it is, or than the clearance."""
+        sway = float(pose.velocity[1])
+        approach = pose.rotation.T @ mover.velocity - np.array([wanted[0], sway, wanted[1]])
+        way = centre + np.arange(0.0, PASSED, 0.5)[:, None] * approach
+        least = np.linalg.norm(way - np.clip(way, -self._half, self._half), axis=1).min()
+        return bool(least > min(gap - 0.02, mover.radius + self.settings.clearance_moving))
 
     def _explain(
         self, wanted: Floats, start: Floats, got: Floats, constraints: list[Constraint], why_slow: str, fastest: float

@@ -14,8 +14,8 @@ from garbi_map.log.records import Floats
 
 @dataclass(frozen=True)
 class Situation:
-    """One moment. profiles: those that became known since the last one; troubles: of the input, in words; current: (2,)
-    m/s, odom, as far as it is known."""
+    """One moment. profiles: those that became known since the last one; movers, undecided: what moves, and what may;
+    troubles: of the input, in words; current: (2,) m/s, odom, as far as it is known."""
 
     now_ns: int
     pose: Pose
@@ -26,6 +26,7 @@ class Situation:
     movers: list[Mover]
     troubles: list[str]
     current: Floats = field(default_factory=lambda: np.zeros(2))
+    undecided: list[Mover] = field(default_factory=list)
 
     def clearer_side(self, before: float) -> float:
         """+1 to port, -1 to starboard: where more water ahead is known to be free; the side before unless clearly less."""

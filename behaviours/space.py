@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from behaviours import kernels
+from behaviours.kernels_proof import proved
 from behaviours.settings import ClearWater, FeedSettings, SpaceSettings, Vehicle
 from behaviours.types import Pose, Profile
 from garbi_map.log.records import Floats, Mount
@@ -133,8 +134,9 @@ class Space:
                 layer[place] = blank
             self.low[axis] = wanted[axis]
 
-    def see(self, profile: Profile) -> NDArray[np.bool_]:
-        """Take in a profile; True (n,) for its points that lie where water had long been free: something moved."""
+    def see(self, profile: Profile) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Take in a profile; True (n,) for its points that lie where water had long been free: something moved; and for
+        those where it was free in an earlier pass: something may have."""
         pose, settings = profile.pose, self.settings
         if self._start_ns is None:
             self.be_at(pose)
@@ -143,6 +145,7 @@ class Space:
         position = pose.rotation @ self._mount.translation + pose.position
         grid = (self.voxel, self.low, self.shape)
         carving = (*grid, settings.hits, now, sweep, *self._hold, self.layers)
+        newly = kernels.was_free(profile.points, *grid, now, sweep, self.layers)
         surprising = np.zeros(len(profile.points), bool)
         surprising[profile.solid] = self._hit(profile.points[profile.solid], 1, now)
         dots = np.flatnonzero(~profile.solid)
@@ -155,14 +158,14 @@ class Space:
         shown = np.ascontiguousarray(profile.points[::10])
         for eye in (self._rig.camera.centre, self._rig.laser.apex):
             kernels.carve((rotation @ eye + position)[None], shown, 0.9 * self.voxel, *carving)
-        return surprising
+        return surprising, newly
 
     def _carve_clear(self, profile: Profile, rotation: Floats, position: Floats, carving: tuple[Any, ...]) -> None:
         """Free what rows without a stripe prove."""
         nearest = np.full(len(self._origins), np.inf)
         group = np.minimum(profile.row // self._rows, len(nearest) - 1)
         np.minimum.at(nearest, group, profile.depth - self.voxel)
-        starts, ends = kernels.proved(
+        starts, ends = proved(
             self._origins, self._directions, nearest, self.clear_range(profile.stamp_ns), self._axis,
             self._rig.camera.centre, np.ascontiguousarray(self._rig.sheet(profile.alpha)[0]), self._rig.laser.apex,
         )  # fmt: skip
@@ -210,6 +213,18 @@ class Space:
             self.settings.hits, self.assumed_free_above, self.layers,
         )  # fmt: skip
         return Nearby(found[:, 0], found[:, 1:4], found[:, 4:7], kinds == kernels.UNKNOWN)
+
+    def forget(self, centre: Floats, radius: float, before_ns: int) -> None:
+        """What was hit about there (3,) m, odom, before that moment was something that moves, and has gone."""
+        reach = radius + self.voxel
+        low = np.maximum(np.floor((centre - reach) / self.voxel).astype(np.int64), self.low)
+        high = np.minimum(np.floor((centre + reach) / self.voxel).astype(np.int64) + 1, self.low + self.shape)
+        if (high <= low).any():
+            return
+        place = np.ix_(*(np.mod(np.arange(a, b), n) for a, b, n in zip(low, high, self.shape, strict=True)))
+        gone = (self.layers[3][place] > 0) & (self.layers[1][place] < self.milliseconds(before_ns))
+        self.layers[3][place] = np.where(gone, 0, self.layers[3][place])
+        self.layers[6][place] = np.where(gone, 0, self.layers[6][place])
 
     def snapshot(self) -> tuple[Floats, Floats]:
         """Centres (n, 3) of the occupied voxels and (m, 3) of every eighth free one, m in odom."""

@@ -9,6 +9,10 @@ from behaviours.settings import TravelSettings, Vehicle
 from behaviours.situation import Situation
 from behaviours.types import Command, Pose, Proposal
 
+WATCH, SIDE, KEPT = 4.5, 0.9, 0.2  # m, rad, rad: what is watched, and within which bearing it is kept
+MISSED, MISSED_NEAR = (4.0, 20.0), 3.0  # s, m: what moves and was not seen for so long, and is near, is looked for
+NEAR, SLOW = 2.5, 0.1  # m, m/s: nearer than that it is waited for, else approached slowly
+
 
 class Travel:
     """Rehearses manoeuvres through what was seen; what is unseen on the way draws the bow, not the hull."""
@@ -43,7 +47,29 @@ class Travel:
             return self._say(look, "no way to the goal is known: looking about")
         plan = self._plan
         words = f"goal at {left:.1f} m: surge {plan.surge:.2f} m/s, yaw {plan.yaw:+.2f} rad/s, {plan.words}"
-        return self._say(self._command(pose, plan.surge, plan.yaw, plan.height), words)
+        surge, yaw, why = self._watch(situation, plan.surge, plan.yaw)
+        return self._say(self._command(pose, surge, yaw, plan.height), words + why)
+
+    def _watch(self, situation: Situation, surge: float, yaw: float) -> tuple[float, float, str]:
+        """Surge and yaw that keep in view what may move, until it is known whether it does: out of view it never will be;
+        and that find again what moves nearer."""
+        for one in situation.undecided:
+            x, y, _ = situation.pose.to_base(one.at(situation.now_ns)[None])[0]
+            bearing = float(np.arctan2(y, x))
+            if x > 0.0 and np.hypot(x, y) < WATCH and abs(bearing) < SIDE:
+                words = f"; something {x:.1f} m ahead, {y:+.1f} m to port, was seen {one.passes} times: does it move?"
+                surge = float(np.clip(surge, 0.0, SLOW if x > NEAR else 0.0))
+                yaw = float(np.clip(0.5 * bearing, -0.2, 0.2)) if abs(bearing) > KEPT else 0.0
+                return surge, yaw, words
+        for one in situation.movers:
+            age = (situation.now_ns - one.stamp_ns) * 1e-9
+            x, y, _ = situation.pose.to_base(one.at(situation.now_ns)[None])[0]
+            nearer = float((one.at(situation.now_ns) - situation.pose.position) @ one.velocity) < 0.0
+            bearing = float(np.arctan2(y, x))
+            if MISSED[0] < age < MISSED[1] and np.hypot(x, y) < MISSED_NEAR and nearer and abs(bearing) > KEPT:
+                words = f"; what moves nearer was not seen for {age:.0f} s: looking for it"
+                return min(surge, 0.0), float(np.clip(0.5 * bearing, -0.25, 0.25)), words
+        return surge, yaw, ""
 
     def _say(self, command: Command, words: str) -> Proposal:
         return Proposal(self.name, 1.0, command, words, self.settings.priority)

@@ -111,6 +111,9 @@ def registered_of(
     dive: Dive, sweeps: SweepStore, folder: Path, progress: Progress
 ) -> tuple[SweepStore, NavigationResult, Registered]:
     """The sweeps as the registration leaves them, which may set their clock right, and both trajectories."""
+    from garbi_map.calibrate.field import placed
+    from garbi_map.calibrate.field_check import rig_notes
+
     kept, own = folder / "registered.npz", folder / "sweeps"
     known, store = recall(kept, _KINDS), SweepStore.open(own)
     if known is not None and store is not None:
@@ -125,6 +128,7 @@ def registered_of(
     registered = register(
         store, dive.navigation, navigated, settings.registration, settings.navigate, progress.note, scanner
     )
+    registered = replace(registered, rig_notes=rig_notes(placed(dive, store, navigated, registered)))
     navigated = replace(navigated, inertial=None, attitude=None)  # intermediate, and as large as the log's own
     keep(kept, (navigated, registered))
     return store, navigated, registered

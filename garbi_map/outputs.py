@@ -34,7 +34,7 @@ from garbi_map.export import (
     write_text,
     write_trajectory,
 )
-from garbi_map.export.solid import surface_of, write_surface_ply
+from garbi_map.export.solid import surface_of
 from garbi_map.progress import Progress
 from garbi_map.register import ENTROPY_RADIUS
 from garbi_map.register.timing import NAMES
@@ -105,9 +105,8 @@ def write_outputs(out: Path, dive: Dive, store: SweepStore, built: Map, started:
     progress.advance()
     if dive.config.seabed.solid.make:
         mount = dive.navigation.mount("rig")
-        write_surface_ply(
-            out / "surface.ply", surface_of(out / "cloud.laz", built.path, mount, dive.config.seabed.solid)
-        )
+        solid = surface_of(out / "cloud.laz", built.path, mount, dive.config.seabed.solid, reference)
+        write_ply(out / "surface.ply", solid, reference)
     write_hillshade(out / "hillshade.png", built.seabed, settings, dive.paths[0].stem, not reference.is_local)
     progress.advance()
     dive.timings["files"] = time.perf_counter() - begin
@@ -217,7 +216,7 @@ def _residuals(built: Map) -> list[Quantity]:
 
 def drift_notes(registered: Registered) -> list[str]:
     """What the drift estimate found to be wrong, with the sensors or with itself, one line each."""
-    clocks = [str(offset) for offset in registered.clocks if offset.notable]
+    clocks = [str(offset) for offset in registered.clocks if offset.notable] + registered.rig_notes
     _, apart = registered.agreement.median
     if np.isnan(apart) or apart < _TORN:
         return clocks

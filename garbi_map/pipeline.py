@@ -48,7 +48,7 @@ def build_map(
     rig_path = rig_path and rig_path.absolute()
     recordings = split_recordings(paths, config.log, config.database.split_gap)
     dives = [open_dive(recording, config, rig_path, span) for recording in recordings]
-    for remark in (remark for dive in dives for remark in dive.log.remarks):
+    for remark in dict.fromkeys(remark for dive in dives for remark in dive.log.remarks):
         progress.note(remark)
     try:
         out.mkdir(parents=True, exist_ok=True)

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import distance_transform_edt
 
+from behaviours.avoidance import Avoidance
 from behaviours.drift import Drift
 from behaviours.kernels_charts import distance
 from behaviours.kernels_plan import HEADINGS, TURN, manoeuvring
 from behaviours.plan import Planner
-from behaviours.settings import TravelSettings, Vehicle
+from behaviours.settings import AvoidanceSettings, TravelSettings, Vehicle
+from behaviours.situation import Situation
 from behaviours.space import Space
 from behaviours.types import Pose
 from tests.behaviour_parts import pose, space
@@ -114,3 +118,32 @@ def test_the_current_is_learnt_from_how_the_vehicle_slides() -> None:
         sway = float(across @ current) + 0.05 * np.sin(0.16 * n) + rng.normal(0, 0.004)
         drift.see(pose(0.1 * n, heading=heading, velocity=(0.2, sway, 0.0)))
     assert drift.current == pytest.approx(current, abs=0.02)
+
+
+def test_what_the_water_presses_against_is_left_rather_than_stopped_at() -> None:
+    """A long wall close abeam, the current setting on to it: it goes on along the wall, or off it, at more than half its
+    speed; avoidance, which could do nothing there, is silent."""
+    volume = known()
+    index = np.floor(
+        np.array([[x, 0.65, z] for x in np.arange(-1.0, 0.9, 0.1) for z in np.arange(-1.2, 1.2, 0.1)]) / 0.1
+    )
+    place = tuple(np.mod(index.astype(np.int64), volume.shape).T)
+    volume.layers[3][place], volume.layers[1][place], volume.layers[7][place] = 9, 10_000, 0
+    at, current = pose(0, velocity=(0.0, 0.05, 0.0)), (0.0, 0.05)
+    assert abs(plan(volume, at, current).surge) > 0.5 * TravelSettings().speed
+    corridor = volume.corridor(at, 3.0, np.array(current))
+    moment = Situation(at.stamp_ns, at, [], volume, volume.nearby(at, 1.3), corridor, [], [], np.array(current))
+    asked = Avoidance(AvoidanceSettings(), Vehicle()).propose(moment)
+    assert asked.activation < 0.5 or abs(asked.command.surge) > 0.05
+
+
+def test_a_plan_is_kept_to_where_two_are_as_good() -> None:
+    """Before a wall that can be gone round on both sides alike, the side does not change with every plan."""
+    planner, volume, sides = Planner(Vehicle(), TravelSettings()), known(wall=1.9), []
+    for n in range(12):
+        at = pose(0.5 * n, position=(0.0, 0.1 * (-1.0) ** n, 0.0), heading=0.02 * (-1.0) ** n)
+        got = planner.plan(volume, at, GOAL, np.zeros(2), [])
+        assert got is not None
+        sides.append(np.sign(got.yaw))
+    turned = [side for side in sides if side]
+    assert sum(one != other for one, other in itertools.pairwise(turned)) <= 1

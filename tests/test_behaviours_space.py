@@ -96,8 +96,8 @@ def test_something_that_comes_into_free_water_moves_and_has_a_velocity() -> None
             y = 0.55 - 0.1 * 3.0 * (number - 3)
             yy, zz = np.meshgrid(np.linspace(-0.15, 0.15, 30), np.linspace(-0.15, 0.15, 90))
             ball = np.stack([np.full(yy.size, 1.7), y + yy.ravel(), zz.ravel()], 1)
-        for one, surprising in sweep(volume, np.concatenate([wall(2.8), ball]), 3.0 * number, number):
-            movers.see(one, surprising)
+        for one, (surprising, newly) in sweep(volume, np.concatenate([wall(2.8), ball]), 3.0 * number, number):
+            movers.see(one, surprising, newly)
             false += int((surprising & (one.points[:, 0] > 2.4)).sum())
     assert false == 0
     found = max(movers.now(), key=lambda mover: mover.passes)

@@ -119,8 +119,15 @@ def test_the_table_tells_what_was_avoidable(tmp_path: Path) -> None:
     ):  # fmt: skip
         append(tmp_path / "trials.csv", one)
     kept = read(tmp_path / "trials.csv")
-    assert judge(kept)["garbi", "all"] == {"trials": 3, "collided": 2, "avoidable": 1, "feasible": 2, "reached": 1}
-    assert "| garbi | all | 3 | 2 | 1 | 2 | 1 (50 %) |" in table(kept)
+    assert judge(kept)["garbi", "all"] == {
+        "trials": 3,
+        "collided": 2,
+        "avoidable": 1,
+        "unseen": 0,
+        "feasible": 2,
+        "reached": 1,
+    }
+    assert "| garbi | all | 3 | 2 | 1 | 0 | 2 | 1 (50 %) |" in table(kept)
     draw(kept, tmp_path / "trials.svg")
     assert (tmp_path / "trials.svg").read_text().count("<rect") > 6
 

@@ -133,7 +133,7 @@ def told(value: float, sigma: float) -> dict[str, Learnt]:
 
 
 def test_only_what_is_sure_and_matters_is_applied():
-    """Ten sigmas and half a millisecond; a dive that does not tell says so; what is applied stays."""
+    """Eight sigmas and half a millisecond; a dive that does not tell says so; what is applied stays."""
     assert judged(told(0.02, 1e-3), {})[0].state == "applied"
     assert judged(told(0.004, 1e-3), {})[0].state == "kept"
     assert judged(told(2e-4, 1e-6), {})[0].state == "kept"
@@ -221,7 +221,7 @@ def test_only_what_matters_is_told_of_the_drift_estimate():
         pair = np.full(3, apart, np.float32)
         agreement = Agreement(np.zeros((3, 2), np.float32), pair, pair, (0.0, 0.0))
         clocks = [Offset("encoder_latency", latency, 1e-5, "applied")]
-        return drift_notes(SimpleNamespace(clocks=clocks, agreement=agreement))  # type: ignore[arg-type]
+        return drift_notes(SimpleNamespace(clocks=clocks, agreement=agreement, rig_notes=[]))  # type: ignore[arg-type]
 
     assert told_of(1e-4, 2e-4) == []
     assert told_of(1e-4, float("nan")) == []

@@ -13,11 +13,12 @@ import yaml
 
 from garbi_map.calibrate.bundle import Prior
 from garbi_map.calibrate.camera import FORWARD, CameraCalibration
+from garbi_map.calibrate.field_evidence import Finding
 from garbi_map.calibrate.laser import LaserCalibration
-from garbi_map.calibrate.scanner import LENS_NAMES, PORT_NAMES, Scanner
+from garbi_map.calibrate.scanner import LATENCY, LENS_NAMES, PORT_NAMES, Scanner
 from garbi_map.errors import GarbiError
 from garbi_map.plain_yaml import parse_yaml, read_text, read_yaml
-from garbi_map.rig import Camera, Laser, camera_entries, laser_entries, parse_camera, parse_laser, parse_rig
+from garbi_map.rig import Camera, Laser, Rig, camera_entries, laser_entries, parse_camera, parse_laser, parse_rig
 
 NOMINAL = "nominal_laser"  # a laser that is not calibrated with this camera: no program takes it for one
 
@@ -104,6 +105,30 @@ def laser_document(found: LaserCalibration, known: Known) -> str:
         {"camera": camera, "laser": laser} | {k: v for k, v in document.items() if k not in ("camera", "laser")}
     )
     parse_rig(text, "the calibrated rig")
+    return text
+
+
+def field_document(found: Finding, rig: Rig, log: str) -> str:
+    """A rig file's text after a dive: corrected where that is offered, else with the values that it had."""
+    corrected = found.unknowns.at(found.applied)
+    document: dict[str, Any] = parse_yaml(corrected.to_yaml(), "the corrected rig")
+    entries = {
+        "date": _now(),
+        "method": "field",
+        "log": log,
+        "corrected": dict(found.corrections),
+        "held_out_m": {"given": found.held_out[0], "corrected": found.held_out[1]},
+        "encoder_latency_s": float(found.estimate[found.unknowns.names.index(LATENCY)])
+        if LATENCY in found.unknowns.names
+        else 0.0,
+        **_covariance(found.unknowns.names, found.covariance),
+    }
+    if found.corrections:
+        document["laser"]["calibration"] = entries
+    else:
+        document["laser"]["field_check"] = entries
+    text = dump(document)
+    parse_rig(text, "the corrected rig")
     return text
 
 

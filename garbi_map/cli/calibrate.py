@@ -9,7 +9,9 @@ import typer
 
 from garbi_map.cli.app import app
 
-calibrate = typer.Typer(help="Calibrate the camera and the laser sheet with a target.", no_args_is_help=True)
+calibrate = typer.Typer(
+    help="Calibrate camera and laser sheet with a target, or check them on a dive.", no_args_is_help=True
+)
 app.add_typer(calibrate, name="calibrate")
 
 Target = Annotated[Path, typer.Option(help="target.yaml: what the target is")]
@@ -82,6 +84,37 @@ def laser(
     held = [name for name in found.scanner.values() if name not in found.adjusted.free]
     typer.echo(f"held: {', '.join(held) or 'nothing'}")
     _end(losses, advice, output)
+
+
+@calibrate.command("field")
+def field(
+    logs: Annotated[list[Path], typer.Argument(help="MCAP files or rosbag2 directories of one ordinary dive")],
+    output: Output,
+    rig: Annotated[
+        Path | None, typer.Option(help="the rig file to check; wins over the one attached to the log")
+    ] = None,
+    focal: Annotated[bool, typer.Option("--focal", help="the focal length may be wrong, too")] = False,
+    index: Annotated[bool, typer.Option("--index", help="the water's refractive index may be wrong, too")] = False,
+    known: Annotated[Path | None, typer.Option(help="YAML: what in the scene is flat, and how high")] = None,
+    begin: Annotated[float | None, typer.Option("--from", help="begin this many seconds into the log")] = None,
+    end: Annotated[float | None, typer.Option("--to", help="end this many seconds into the log")] = None,
+    workers: Annotated[int, typer.Option(min=1, help="threads that decode images and find stripes")] = 2,
+    config: Config = None,
+) -> None:
+    """The rig checked, and corrected where it has to be, from sweeps of a dive that overlap."""
+    from garbi_map.calibrate.field import calibrate_field
+    from garbi_map.calibrate.field_words import sentences, table
+    from garbi_map.cli.watch import Watch
+
+    with Watch() as progress:
+        found, losses = calibrate_field(logs, output, rig, focal, index, known, (begin, end), config, workers, progress)
+    lines = [("parameter", "given", "found", "1 sigma", "before", "information", "verdict"), *table(found)]
+    widths = [max(len(line[k]) for line in lines) for k in range(len(lines[0]))]
+    for line in lines:
+        typer.echo("  ".join(word.ljust(width) for word, width in zip(line, widths, strict=True)).rstrip())
+    for sentence in sentences(found):
+        typer.echo(sentence)
+    _end(losses, [], output)
 
 
 @calibrate.command("target")

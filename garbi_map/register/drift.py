@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -71,9 +71,13 @@ class Scans:
             points = points + constants.number(name) * change
         return points
 
-    def surfels(self, motion: Motion, size: float, fewest: int) -> Surfels:
-        """Surfels of every sweep as the motion has them; two threads take half of the sweeps each."""
-        matrix, viewpoint = motion.rotation(self.time).as_matrix(), motion.position(self.time)
+    def surfels(self, motion: Motion, size: float, fewest: int, corner: Floats | None = None) -> Surfels:
+        """Surfels of every sweep as the motion has them; two threads take half of the sweeps each.
+
+        corner (3,) m: of one of the voxels, if it is not the map's origin.
+        """
+        corner = np.zeros(3) if corner is None else corner
+        matrix, viewpoint = motion.rotation(self.time).as_matrix(), motion.position(self.time) - corner
         known = self.as_known(motion.constants)
 
         def part(points: slice) -> Surfels:
@@ -82,7 +86,8 @@ class Scans:
             return extract_surfels(placed, self.sigma[points], profile, self.time, self.sweep, viewpoint, size, fewest)
 
         with ThreadPoolExecutor(2) as pool:
-            return join(*pool.map(part, self._halves))
+            found = join(*pool.map(part, self._halves))
+        return replace(found, mean=found.mean + corner)
 
     @cached_property
     def _halves(self) -> tuple[slice, slice]:
@@ -164,6 +169,21 @@ def estimate_drift(
     return rounds, linearised(chosen[-1], common_normals)[0]
 
 
+@dataclass(frozen=True)
+class Matches:
+    """n . (m_i - m_j) = 0 for n matched surfels: residual (n,) m, 1 sigma (n,) m, what they touch, and where they are
+    (n, 3) m, map frame."""
+
+    residual: Floats
+    sigma: Floats
+    rows: Rows
+    place: Floats
+
+    def add_to(self, problem: NormalEquations) -> Floats:
+        """Adds them; returns the weights (n,)."""
+        return problem.add(self.residual, self.sigma, self.rows.runs, 2.0, self.rows.tail)
+
+
 def add_matches(
     problem: NormalEquations,
     motion: Motion,
@@ -176,7 +196,26 @@ def add_matches(
     changes: Changes | None = None,
     looks: int = 1,
 ) -> tuple[int, float]:
-    """Adds n . (m_i - m_j) = 0 for matched surfels; returns their number and median distance, m.
+    """Adds what matched surfels say of the motion; returns their number and median distance, m."""
+    matches = matched(motion, surfels, gate, reach, sigma, settled, normals, changes, looks)
+    if matches is None:
+        return 0, 0.0
+    matches.add_to(problem)
+    return len(matches.residual), float(np.median(np.abs(matches.residual)))
+
+
+def matched(
+    motion: Motion,
+    surfels: Surfels,
+    gate: float,
+    reach: float,
+    sigma: float,
+    settled: Surfels | None = None,
+    normals: Normals = summed_normals,
+    changes: Changes | None = None,
+    looks: int = 1,
+) -> Matches | None:
+    """What matched surfels say of the motion and of what else changes their points; None where there is no match.
 
     Both poses are unknown, but for a settled surfel's, which stays where it is. looks: how often the same points are
     matched, as surfels of several sizes.
@@ -189,7 +228,7 @@ def add_matches(
     useful = (first < moving) | (second < moving)
     first, second = first[useful], second[useful]
     if len(first) == 0:
-        return 0, 0.0
+        return None
     pair = surfels.sweep[first] * (surfels.sweep.max() + 1) + surfels.sweep[second]
     normal = normals(surfels.normal[first], surfels.normal[second], pair)
     between = surfels.mean[first] - surfels.mean[second]
@@ -206,21 +245,24 @@ def add_matches(
         arm = surfels.mean[index] - motion.position(t)
         out = motion.rows(t).position(axes).rotation(np.cross(arm, axes) + np.where(free, turning, 0.0))
         for name, move in moves.items():
-            out.constant(name, np.einsum("nk,nk->n", axes, move[np.minimum(index, moving - 1)]))
+            move = move[np.minimum(index, moving - 1)]
+            out.constant(name, np.einsum("nk,nk->n", axes, move[:, :3]))
+            if move.shape[1] > 3:
+                out.constant(name, np.where(free[:, 0], -0.5 * residual * move[:, 3], 0.0))
         return out
 
-    both = rows(first, 1.0) + rows(second, -1.0)
-    sigma = np.hypot(sigma, _LATERAL * lateral) * np.sqrt(looks * _repetition(first, second))
-    problem.add(residual, sigma, both.runs, 2.0, both.tail)
-    return len(first), float(np.median(np.abs(residual)))
+    sigmas = np.hypot(sigma, _LATERAL * lateral) * np.sqrt(looks * _repetition(first, second))
+    middle = 0.5 * (surfels.mean[first] + surfels.mean[second])
+    return Matches(residual, sigmas, rows(first, 1.0) + rows(second, -1.0), middle)
 
 
 def _map_axes(changes: Changes, motion: Motion, surfels: Surfels) -> dict[str, Floats]:
-    """How the constants move the surfels (n, 3), map axes."""
+    """How the constants move the surfels (n, 3), map axes, and what comes after (n, 0 or 1), as it is."""
     t = np.clip(surfels.time, motion.begin, motion.end)
     rotation = motion.rotation(t)
     body = rotation.inv().apply(surfels.mean - motion.position(t))
-    return {name: rotation.apply(change) for name, change in changes(body, t).items()}
+    changed = changes(body, t).items()
+    return {name: np.column_stack([rotation.apply(change[:, :3]), change[:, 3:]]) for name, change in changed}
 
 
 def _repetition(first: Ints, second: Ints) -> Floats:

@@ -66,7 +66,8 @@ class Acceleration:
 
     def _residual(self, motion: Motion, t: Floats) -> tuple[Floats, Floats, Rotation]:
         rotation = motion.rotation(t)
-        force = rotation.apply(self.force - self.arm)
+        scale = 1.0 + motion.constants.number("accelerometer_scale")
+        force = rotation.apply(scale * self.force - self.arm)
         bias = rotation.apply(motion.constants.vector("accelerometer_bias"))
         return motion.position(t, 2) - (force - bias + GRAVITY), force, rotation
 
@@ -80,6 +81,7 @@ class Acceleration:
             # force and prior attitude share their clock: a change of it moves neither against the other
             rows.correction(np.cross(unit, force)).constant("imu_clock", -jerk[:, axis])
             rows.constant("accelerometer_bias", matrix[:, axis])
+            rows.constant("accelerometer_scale", -force[:, axis])
             problem.add(residual[:, axis], self.sigma, rows.runs, 4.0, rows.tail)
 
     def reestimate(self, motion: Motion) -> None:

@@ -169,6 +169,13 @@ class Rows:
         both.runs, both._tail = self.runs + other.runs, self._tail + other._tail
         return both
 
+    def part(self, which: NDArray) -> Rows:
+        """Those of an index or a mask."""
+        few = Rows(self._motion, self._t[which])
+        few.runs = [Run(run.start[which], run.value[which]) for run in self.runs]
+        few._tail = self._tail[which]
+        return few
+
     @property
     def tail(self) -> Tail:
         """What they have to do with the constants."""

@@ -18,7 +18,10 @@ from garbi_map.sweep.retime import retimed
 Floats = NDArray[np.float64]
 
 Changes = Callable[[Floats, Floats], dict[str, Floats]]
-"""By how much points (n, 3) in base_link, seen at n times (s), move with a unit of each constant: name -> (n, 3)."""
+"""By how much points (n, 3) in base_link, seen at n times (s), move with a unit of each constant: name -> (n, 3).
+
+Or (n, 4): the last is the share by which their noise grows with it. A constant that made the whole scene smaller would make
+every distance between two sweeps smaller too, right or wrong; what counts is the distance in units of its noise."""
 
 ENCODER = "encoder_latency"
 """The constant by which the encoder's stamps are late against the images', s."""

@@ -9,9 +9,9 @@ from typing import Literal
 from garbi_map.log.records import Navigation
 from garbi_map.register.constants import Learnt
 
-_SURE = 10.0
+_SURE = 8.0
 """Times its sigma that an offset must be from zero to be applied: what neighbours in time say of a vehicle that hardly
-moves, or of a slow laser, is up to three times less sure than they count."""
+moves is up to three times less sure than they count."""
 _SIGNIFICANT = 3.0
 """The same for what is left of it in the end, which is small."""
 _WORTH = 5e-4

@@ -56,19 +56,20 @@ def image_to_command(path: Path, hold: HoldSettings | None = None) -> dict[str, 
     }  # fmt: skip
 
 
-def memory(path: Path, minutes: int = 60, every: int = 10) -> list[float]:
-    """MB resident after each `every` minutes of a feed that shows the log again and again, holding station besides."""
+def memory(path: Path, minutes: int = 60, every: int = 10, thin: int = 3) -> list[float]:
+    """MB resident after each `every` minutes of a feed that shows the log again and again, holding station besides; of the
+    images one in `thin` is shown, and decisions are as much rarer: what grows, grows by them all the same."""
     log = open_log([path])
     rig = parse_rig(log.rig_text or "", str(path))
     readings = log.navigation()
     angle = laser_angle(readings.encoder, rig, SweepSettings())
     detector = StripeDetector(StripeSettings(), rig)
-    images = list(log.images())
+    images = list(log.images())[::thin]
     stripes = [detector.detect(decode(one), one.stamp_ns, angle.alpha(one.stamp_ns)) for one in images]
     given = plan_of(log, None).behaviours.model_copy(update={"hold": HOLD})
     intake = Intake(rig, readings.mounts, given.feed)
     pilot = Pilot(given, rig, intake.mount)
-    period, length = round(given.feed.period * 1e9), log.end_ns - log.begin_ns
+    period, length = round(thin * given.feed.period * 1e9), log.end_ns - log.begin_ns
     found: list[float] = []
     shift, now = 0, log.begin_ns
     while len(found) < minutes // every:

@@ -31,7 +31,7 @@ def write_map(dive: BenchDive, out: Path, config: Config) -> Seabed:
             yield sweep, registered.inside.at(sweep.stamp_ns).mounted(mount)
 
     with CloudWriter(out / "cloud.laz", config.export.cloud_scale) as cloud:
-        seabed, _ = build_seabed(posed, config.seabed, mount, cloud.write)
+        seabed, _ = build_seabed(posed, config.seabed, mount, cloud.write, dive.scanner.rig.eyes)
     write_seabed_tif(out / "seabed.tif", seabed)
     write_trajectory(out / "trajectory.tum", registered.trajectory)
     write_text(out / "config.yaml", config.to_yaml())

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
+from garbi_map.log.records import Floats
 from garbi_map.stripe.types import Stripe
 from tools.simulator.optics import Renderer, View
 from tools.simulator.sheet import cast_slice, plane_at
@@ -12,8 +14,9 @@ from tools.simulator.sheet import cast_slice, plane_at
 FLOOR = 0.035  # px, what is left of the error without noise: curved and textured ground
 BOUND = 2.0  # times the single-row bound for white noise: JPEG
 RAYS = 2.1  # of the fan, to a row of the image
-FAINTEST = 6.0  # grey levels: a peak below is not found
-JUMP = 0.01  # m between neighbouring rays: an edge, across which no row is interpolated
+FAINTEST = 13.0  # grey levels: fainter peaks are found in less than half of the rendered rows
+JUMP = 0.01  # m between neighbouring rays: an edge, across which no row is interpolated,
+STEEP = 0.08  # m, unless up to this it goes on as steeply on both sides: ground under a grazing sheet
 
 
 def cast_stripe(renderer: Renderer, view: View, alpha: float, stamp_ns: int, rng: np.random.Generator) -> Stripe:
@@ -24,7 +27,7 @@ def cast_stripe(renderer: Renderer, view: View, alpha: float, stamp_ns: int, rng
     energy = renderer.sharp_energy(line, plane, view)
     u, v = line.pixel.T
     reach = np.where(line.seen, line.range, 0.0)
-    linked = line.seen[:-1] & line.seen[1:] & (np.abs(np.diff(reach)) < JUMP)
+    linked = line.seen[:-1] & line.seen[1:] & _smooth(np.diff(reach))
     first = np.flatnonzero(linked)
     low, high = np.minimum(v[first], v[first + 1]), np.maximum(v[first], v[first + 1])
     row = np.ceil(low)  # rays are denser than rows: a pair spans one row at most, but for grazing surfaces
@@ -55,3 +58,10 @@ def cast_stripe(renderer: Renderer, view: View, alpha: float, stamp_ns: int, rng
         found.astype(np.float32),
         peak > 252.0,
     )
+
+
+def _smooth(change: Floats) -> NDArray[np.bool_]:
+    """Whether a surface goes on between neighbouring rays, by the changes of range (n,) m from each to the next."""
+    before, after = np.r_[np.inf, change[:-1]], np.r_[change[1:], np.inf]
+    steady = (np.abs(change - before) < JUMP) & (np.abs(change - after) < JUMP)
+    return (np.abs(change) < JUMP) | (steady & (np.abs(change) < STEEP))

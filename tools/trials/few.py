@@ -1,4 +1,4 @@
-"""Trials that are told one by one: station keeping, surveys, moving things."""
+"""Trials that are told one by one: station keeping, surveys, wandering, moving things, both levels."""
 
 from __future__ import annotations
 
@@ -9,12 +9,14 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-from tools.trials.jobs import cover, find, stay
+from tools.trials.jobs import agree, cover, find, roam, stay
 
 FEW: dict[str, tuple[Callable[[Any], Any], list[tuple[str, ...]]]] = {
     "hold": (stay, [(thing, way) for way in ("along", "across") for thing in ("wall", "pipe", "rock")]),
-    "survey": (cover, [("adaptive",), ("fixed",)]),
+    "survey": (cover, [("adaptive",), ("fixed",), ("oblique",)]),
+    "wander": (roam, [()]),
     "moving": (find, [()]),
+    "agreement": (agree, [()]),
 }
 
 

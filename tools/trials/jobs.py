@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from tools.trials.agreement import Agreed
+from tools.trials.agreement import run as agreement
 from tools.trials.avoidance import Outcome, run
 from tools.trials.moving import Found
 from tools.trials.moving import run as moving
@@ -11,6 +13,8 @@ from tools.trials.stabilisation import Held
 from tools.trials.stabilisation import run as hold
 from tools.trials.survey import Surveyed
 from tools.trials.survey import run as survey
+from tools.trials.wandering import Wandered
+from tools.trials.wandering import run as wandering
 
 
 def avoid(job: tuple[int, Any, Any]) -> Outcome:
@@ -32,3 +36,13 @@ def cover(job: tuple[int, Any]) -> Surveyed:
 def find(job: tuple[int]) -> Found:
     """(seed,)"""
     return moving(*job)
+
+
+def roam(job: tuple[int]) -> Wandered:
+    """(seed,)"""
+    return wandering(*job)
+
+
+def agree(job: tuple[int]) -> Agreed:
+    """(seed,)"""
+    return agreement(*job)

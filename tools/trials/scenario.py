@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from tools.simulator.scenario import Scenario
 
 # A forward rig whose sheet sweeps the whole view: a wider lens than the mapping rig's, and a motor that turns farther.
@@ -13,6 +15,13 @@ FORWARD: dict[str, Any] = {
     "laser": {"range": (-0.42, 0.68), "sweep": 3.0, "fan": 0.62},
 }
 DOWNWARD: dict[str, Any] = {"mount": {"xyz": (0.25, 0.0, -0.1)}}
+# A rig for surveys: the sheet is laid across the way; straight down, or so far forward that it shows what is to come.
+ACROSS: dict[str, Any] = {
+    "mount": {"xyz": (0.25, 0.0, -0.1), "turn": float(np.pi / 2)},
+    "camera": {"focal": 560.0, "rate": 12.5},
+    "laser": {"range": (-0.2, 0.6), "sweep": 2.0, "fan": 0.6},
+}
+OBLIQUE: dict[str, Any] = {**ACROSS, "mount": {"xyz": (0.45, 0.0, -0.1), "turn": float(np.pi / 2), "down": 0.95}}
 
 
 def open_water(seed: int, rig: dict[str, Any] = FORWARD, **more: Any) -> Scenario:

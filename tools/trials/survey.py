@@ -17,7 +17,7 @@ from garbi_map.log.records import Floats
 from tools.simulator.dive import Dive
 from tools.simulator.sensors import START_NS
 from tools.trials.feed import DiveFeed
-from tools.trials.scenario import open_water
+from tools.trials.scenario import ACROSS, OBLIQUE, open_water
 from tools.trials.world import Block, World
 
 PERIOD = 0.1
@@ -28,7 +28,7 @@ OVERLAP = 0.2
 ALTITUDE = 1.3  # m
 WAVE = 40  # decisions: the path is that of the mean over a wave
 HALF = np.array([0.65, 0.45, 0.35])
-How = Literal["adaptive", "fixed"]
+How = Literal["adaptive", "fixed", "oblique"]
 
 
 @dataclass(frozen=True)
@@ -88,17 +88,12 @@ def make_world(seed: int) -> World:
 
 
 def run(seed: int, how: How = "adaptive", longest: float = 420.0, relief: float = 0.1) -> Surveyed:
-    """A rig that looks down, its sheet laid across the way, and the operator's word that the water above is free.
+    """A rig that looks down, or obliquely, its sheet laid across the way; the operator's word that the water above is free.
 
     relief: m, 1 sigma: 0.4 m from the lowest to the highest."""
-    rig = {
-        "mount": {"xyz": (0.25, 0.0, -0.1), "turn": float(np.pi / 2)},
-        "camera": {"focal": 560.0, "rate": 12.5},
-        "laser": {"range": (-0.2, 0.6), "sweep": 2.0, "fan": 0.6},
-    }
-    scenario = open_water(
-        seed, rig, altitude=ALTITUDE + 0.1, seabed={"relief": relief, "stones": 0.1, "stone_size": (0.05, 0.2)}
-    )
+    rig = OBLIQUE if how == "oblique" else ACROSS
+    ground = {"relief": relief, "stones": 0.1, "stone_size": (0.05, 0.2)}
+    scenario = open_water(seed, rig, altitude=ALTITUDE + 0.1, seabed=ground)
     world = make_world(seed)
     dive = world.make(scenario)
     settings = BehaviourSettings(
@@ -122,7 +117,7 @@ def run(seed: int, how: How = "adaptive", longest: float = 420.0, relief: float 
         decision = pilot.decide(seen)
         feed.step(decision.command, PERIOD)
         lane = survey.lanes if survey.begun else 0  # nought: on the way to one
-        _light(lit.setdefault(lane, np.zeros(CELLS, bool)), seen, dive, start)
+        light(lit.setdefault(lane, np.zeros(CELLS, bool)), AREA[:2], seen, dive, start)
         way.append((survey.begun, *dive.vehicle.position))
         gap = min(gap, world.gap(points, dive.vehicle.position, dive.vehicle.attitude.as_matrix(), HALF, now))
         proposal = decision.proposal("survey")
@@ -142,13 +137,13 @@ def run(seed: int, how: How = "adaptive", longest: float = 420.0, relief: float 
     )  # fmt: skip
 
 
-def _light(cells: np.ndarray, seen: Seen, dive: Dive, start: Floats) -> None:
-    """Mark the area's cells that the profiles truly showed."""
+def light(cells: np.ndarray, corner: tuple[float, float], seen: Seen, dive: Dive, start: Floats) -> None:
+    """Mark the cells of an area (nx, ny) from `corner` on, m from the start, that the profiles truly showed."""
     for profile in seen.profiles:
         true = dive.motion.at((profile.stamp_ns - START_NS) * 1e-9)
         base = profile.pose.to_base(profile.points[profile.solid])
         points = true.rotation[0].apply(base) + true.position[0] - start
-        index = np.floor((points[:, :2] - AREA[:2]) / CELL).astype(int)
+        index = np.floor((points[:, :2] - corner) / CELL).astype(int)
         index = index[((index >= 0) & (index < cells.shape)).all(1)]
         cells[tuple(index.T)] = True
 

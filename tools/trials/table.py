@@ -11,7 +11,9 @@ from pathlib import Path
 from tools.trials.avoidance import KINDS, Outcome
 
 CONTROLLERS = ("garbi", "omniscient", "none", "potential", "stop")
+KEYS = ("trials", "collided", "avoidable", "unseen", "feasible")
 COLUMNS = [field.name for field in fields(Outcome)]
+UNSEEN = 0.05  # s
 COLOURS = {"reached": "#4c9f70", "neither": "#d8d8d8", "unavoidable": "#e9b44c", "avoidable": "#c0392b"}
 
 
@@ -40,12 +42,12 @@ def read(path: Path) -> list[Outcome]:
 
 
 def judge(outcomes: Iterable[Outcome]) -> dict[tuple[str, str], dict[str, int]]:
-    """Per controller and kind ("all" for all): trials, collided, avoidable (the omniscient controller did not collide),
-    feasible (it reached the goal), and of those how many were reached."""
+    """Per controller and kind ("all" for all): trials, collided, avoidable (the omniscient controller did not collide), of
+    those unseen (what moved was never in view), feasible (it reached the goal), and of those how many were reached."""
     outcomes = list(outcomes)
     known = {one.seed: one for one in outcomes if one.controller == "omniscient"}
     found: dict[tuple[str, str], dict[str, int]] = defaultdict(
-        lambda: {"trials": 0, "collided": 0, "avoidable": 0, "feasible": 0, "reached": 0}
+        lambda: {"trials": 0, "collided": 0, "avoidable": 0, "unseen": 0, "feasible": 0, "reached": 0}
     )
     for one in outcomes:
         best = known.get(one.seed)
@@ -53,7 +55,9 @@ def judge(outcomes: Iterable[Outcome]) -> dict[tuple[str, str], dict[str, int]]:
             row = found[one.controller, kind]
             row["trials"] += 1
             row["collided"] += one.collided
-            row["avoidable"] += bool(one.collided and best and not best.collided)
+            avoidable = bool(one.collided and best and not best.collided)
+            row["avoidable"] += avoidable
+            row["unseen"] += avoidable and one.kind == "moving" and one.in_view < UNSEEN
             row["feasible"] += bool(best and best.reached)
             row["reached"] += bool(one.reached and best and best.reached)
     return found
@@ -63,15 +67,15 @@ def table(outcomes: Iterable[Outcome]) -> str:
     """Markdown."""
     found = judge(outcomes)
     lines = [
-        "| controller | kind | trials | collided | of them avoidable | feasible | reached of the feasible |",
-        "| --- | --- | --- | --- | --- | --- | --- |",
+        "| controller | kind | trials | collided | avoidable | of those never in view | feasible | of these reached |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- |",
     ]
     for controller in CONTROLLERS:
         for kind in (*KINDS, "all"):
             row = found.get((controller, kind))
             if row:
                 share = f"{row['reached']} ({100 * row['reached'] / row['feasible']:.0f} %)" if row["feasible"] else "-"
-                counts = " | ".join(str(row[key]) for key in ("trials", "collided", "avoidable", "feasible"))
+                counts = " | ".join(str(row[key]) for key in KEYS)
                 lines.append(f"| {controller} | {kind} | {counts} | {share} |")
     return "\n".join(lines)
 

@@ -1,0 +1,121 @@
+"""What camera and encoder said of the points of a dive, so that another rig can be asked what it would have made of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from garbi_map.calibrate.field_rig import RigUnknowns
+from garbi_map.calibrate.scanner import LATENCY
+from garbi_map.log.records import Floats, Mount, Stamps
+from garbi_map.rig import Rig
+from garbi_map.sweep import Angle
+from garbi_map.sweep.store import SweepStore
+
+_MOMENT_NS = 10_000_000
+"""To either side, over which the laser's rate is taken."""
+_SAME_NS = 4_000_000
+"""Within which the laser's angle hardly bends."""
+_STEP = 0.05
+"""Of a parameter's prior sigma, to either side, over which derivatives are taken."""
+
+
+@dataclass(frozen=True)
+class Views:
+    """n points of m profiles: column u (n,) and row v (n,) px, sigma (n,) m, profile (n,); stamp_ns (m,), sweep (m,)."""
+
+    u: Floats
+    v: Floats
+    sigma: NDArray[np.float32]
+    profile: NDArray[np.int32]
+    stamp_ns: Stamps
+    sweep: NDArray[np.int64]
+
+    def part(self, which: NDArray[np.int64]) -> Views:
+        """Some of the points, of all profiles."""
+        chosen = {name: getattr(self, name)[which] for name in ("u", "v", "sigma", "profile")}
+        return replace(self, **chosen)
+
+
+def load_views(store: SweepStore, rig: Rig, begin_ns: int, end_ns: int, most: int) -> Views:
+    """The profiles of [begin, end] of sweeps that were triangulated with a rig, thinned evenly to at most `most` points."""
+    chosen = [entry for entry in store.entries if entry.end_ns >= begin_ns and entry.begin_ns <= end_ns]
+    stride = max(1, -(-sum(entry.points for entry in chosen) // most))
+    parts = []
+    profiles = 0
+    for entry in chosen:
+        sweep = store.load(entry.index)
+        here = (sweep.stamp_ns >= begin_ns) & (sweep.stamp_ns <= end_ns)
+        keep = np.flatnonzero(here[sweep.profile])[::stride]
+        number = np.cumsum(here) - 1 + profiles
+        parts.append(
+            Views(
+                rig.project(sweep.points[keep])[:, 0],
+                sweep.row[keep].astype(float),
+                sweep.sigma[keep],
+                number[sweep.profile[keep]].astype(np.int32),
+                sweep.stamp_ns[here],
+                np.full(int(here.sum()), entry.index, np.int64),
+            )
+        )
+        profiles += int(here.sum())
+    return Views(*(np.concatenate([getattr(part, name) for part in parts]) for name in Views.__dataclass_fields__))
+
+
+@dataclass(frozen=True)
+class UnknownScanner:
+    """A scanner whose rig is known but for some corrections z (k,), on its vehicle.
+
+    latency: s by which the encoder's stamps are late where that is not among the corrections.
+    """
+
+    unknowns: RigUnknowns
+    angle: Angle
+    mount: Mount
+    latency: float = 0.0
+
+    def points(self, views: Views, z: Floats) -> Floats:
+        """The points (n, 3) m in base_link that the corrected rig makes of the views; NaN where it makes none."""
+        alpha, _ = self.angle.at(views.stamp_ns + self._late_ns(z))
+        seen = self.unknowns.at(z).triangulate(views.u, views.v, alpha[views.profile]).points
+        return self._turn.apply(seen) + self.mount.translation
+
+    def changes(self, points: Floats, stamp_ns: Stamps, z: Floats) -> Floats:
+        """By how much points (n, 3) in base_link, made with z, at stamps (n,), move with a unit of each correction.
+
+        (n, 4, k): m, and last the share by which their noise grows, that of a column's error in the image; zero where the
+        rig does not see the point.
+        """
+        unknowns = self.unknowns
+        rig, given = unknowns.at(z), unknowns.offsets(z)
+        u, v = rig.project(self._turn.inv().apply(points - self.mount.translation)).T
+        times, which = np.unique(stamp_ns // _SAME_NS, return_inverse=True)
+        times = times * _SAME_NS + self._late_ns(z)
+        alpha, before, after = (self.angle.at(times + k * _MOMENT_NS)[0][which] for k in (0, -1, 1))
+        out = np.zeros((len(points), 4, len(unknowns.names)))
+        for k, (name, sigma) in enumerate(zip(unknowns.names, unknowns.sigma, strict=True)):
+            if name == LATENCY:
+                rate = (after - before) / (2e-9 * _MOMENT_NS)
+                out[:, :3, k] = rig.triangulate(u, v, alpha).d_dalpha * rate[:, None]
+                continue
+            step = max(_STEP * float(sigma), 1e-6)
+            low, high = (
+                unknowns.changed(given | {name: given[name] + side * step}).triangulate(u, v, alpha)
+                for side in (-1.0, 1.0)
+            )
+            out[:, :3, k] = (high.points - low.points) / (2.0 * step)
+            grown = np.linalg.norm(high.d_du, axis=1) / np.linalg.norm(low.d_du, axis=1)
+            out[:, 3, k] = np.log(grown) / (2.0 * step)
+        out = np.nan_to_num(out, posinf=0.0, neginf=0.0)
+        out[:, :3] = np.einsum("ij,njk->nik", self._turn.as_matrix(), out[:, :3])
+        return np.asarray(out @ unknowns.root)
+
+    @property
+    def _turn(self) -> Rotation:
+        return Rotation.from_quat(self.mount.quaternion)
+
+    def _late_ns(self, z: Floats) -> int:
+        return round(self.unknowns.offsets(z).get(LATENCY, self.latency) * 1e9)
