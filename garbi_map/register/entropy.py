@@ -6,6 +6,8 @@ C is the covariance of the points within a radius. Two copies of a surface that 
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -39,5 +41,5 @@ class Balls:
         count = np.maximum(self._count, 1)
         mean = self._first / count[:, None]
         covariance = self._second / count[:, None, None] - mean[:, :, None] * mean[:, None, :]
-        sign, logarithm = np.linalg.slogdet(2 * np.pi * np.e * covariance)
+        sign, logarithm = np.linalg.slogdet(2 * np.pi * math.e * covariance)
         return np.where((self._count >= _FEWEST) & (sign > 0), 0.5 * logarithm, np.nan)
