@@ -206,7 +206,7 @@ def test_truncated_log(dive: Path, bad: Path, out: Path, garbi: Garbi) -> None:
     """What was recorded before the end is mapped."""
     data = dive.read_bytes()
     bad.write_bytes(data[: int(0.7 * len(data))])
-    report = mapped(garbi("map", bad, "-o", out), out, "no index at its end", "bytes lost")
+    report = mapped(garbi("map", bad, "-o", out), out, "no index at its end", "chunk lost")
     assert report["counts"]["profiles"] > 90
 
 

@@ -148,7 +148,7 @@ def test_second_run_at_the_same_time_refuses(dive: Path, garbi: Garbi, tmp_path:
 
 
 def interrupt(number: signal.Signals, after: int) -> Any:
-    """A CloudWriter.write during which a signal comes, after so many sweeps: the middle of the seabed stage."""
+    """A CloudWriter.write during which a signal comes, after so many parts: the middle of writing files."""
     from garbi_map.export import CloudWriter
 
     write, calls = CloudWriter.write, []
@@ -157,6 +157,8 @@ def interrupt(number: signal.Signals, after: int) -> Any:
         write(self, points)
         calls.append(points)
         if len(calls) == after:
+            if number == signal.SIGINT:  # which is ignored in what a shell has put into the background
+                signal.signal(number, signal.default_int_handler)
             os.kill(os.getpid(), number)
 
     return interrupted
@@ -165,7 +167,7 @@ def interrupt(number: signal.Signals, after: int) -> Any:
 def test_interrupted_run_goes_on_and_gives_the_same_map(
     dive: Path, finished: Path, garbi: Garbi, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Ctrl-C in the middle of the seabed stage: one line, no result; the next run takes the stored sweeps."""
+    """Ctrl-C in the middle of writing files: one line, no result; the next run takes the stored sweeps."""
     out = tmp_path / "map"
     with monkeypatch.context() as patch:
         patch.setattr("garbi_map.export.CloudWriter.write", interrupt(signal.SIGINT, 2))
