@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.metadata
 import time
+from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -92,28 +93,28 @@ def write_outputs(out: Path, dive: Dive, store: SweepStore, built: Map, started:
     settings, reference = dive.config.export, built.located.reference
     progress.stage("files", 6)
     begin = time.perf_counter()
-    write_trajectory(out / "trajectory.tum", built.path)
-    write_text(out / "config.yaml", dive.config.to_yaml())
-    progress.advance()
-    also_copc(out / "cloud.laz")
-    write_seabed_tif(out / "seabed.tif", built.seabed, reference)
-    write_contours(out / "contours.gpkg", built.seabed, settings, reference)
-    progress.advance()
     mesh = triangulate(built.seabed, settings.max_triangles, settings.widest_hole)
-    write_glb(out / "seabed.glb", mesh, reference)
-    write_ply(out / "seabed.ply", mesh, reference)
-    progress.advance()
-    if dive.config.seabed.solid.make:
-        mount = dive.navigation.mount("rig")
-        solid = surface_of(out / "cloud.laz", built.path, mount, dive.config.seabed.solid, reference)
-        write_ply(out / "surface.ply", solid, reference)
-    write_hillshade(out / "hillshade.png", built.seabed, settings, dive.paths[0].stem, not reference.is_local)
-    progress.advance()
+    with ThreadPoolExecutor(1) as beside:  # the recording takes longer than all the others together
+        recording = beside.submit(record_map, out / "map.rrd", dive, store, built, mesh)
+        write_trajectory(out / "trajectory.tum", built.path)
+        write_text(out / "config.yaml", dive.config.to_yaml())
+        progress.advance()
+        also_copc(out / "cloud.laz")
+        write_seabed_tif(out / "seabed.tif", built.seabed, reference)
+        write_contours(out / "contours.gpkg", built.seabed, settings, reference)
+        progress.advance()
+        write_glb(out / "seabed.glb", mesh, reference)
+        write_ply(out / "seabed.ply", mesh, reference)
+        progress.advance()
+        if dive.config.seabed.solid.make:
+            mount = dive.navigation.mount("rig")
+            solid = surface_of(out / "cloud.laz", built.path, mount, dive.config.seabed.solid, reference)
+            write_ply(out / "surface.ply", solid, reference)
+        write_hillshade(out / "hillshade.png", built.seabed, settings, dive.paths[0].stem, not reference.is_local)
+        progress.advance()
+        recording.result()
+        progress.advance()
     dive.timings["files"] = time.perf_counter() - begin
-    begin = time.perf_counter()
-    record_map(out / "map.rrd", dive, store, built, mesh)
-    progress.advance()
-    dive.timings["recording"] = time.perf_counter() - begin
     dive.timings["all"] = time.perf_counter() - started
     report = make_report(dive, store, built)
     write_report_json(out / "report.json", report)

@@ -11,7 +11,7 @@ from garbi_map.calibrate.field_known import Known
 from garbi_map.calibrate.field_rig import unknowns
 from garbi_map.calibrate.field_words import amount
 
-_LENGTH = 60.0
+_LENGTH = 40.0
 """s of the dive that are looked at."""
 _ROUNDS = (0, 1, 6, ROUNDS - 1)
 """Of those of `garbi calibrate field`: enough to see that something is wrong, not to say how much."""

@@ -39,6 +39,8 @@ _RESTRAINED = 4
 _PATIENCE = 6
 """Rounds before clocks have a say: earlier ones, of few matches and many false, would set them wrong by tens of
 milliseconds, from where matches of nearest neighbours bring them back slowly."""
+_SETTLING = 4
+"""Last rounds, of the finest surfels, in which what is left of the scanner's own constants is found."""
 _FINE = (1.0, 0.6)
 """Sizes of the surfels of the last rounds: large ones are surer of their normal, small ones follow the relief."""
 _LATERAL = 0.03
@@ -139,7 +141,9 @@ def estimate_drift(
         if k < _PATIENCE:
             patience.add(problem, motion)
         matches, distance = 0, 0.0
-        fractions = _FINE if k >= count - 4 else (1.0,)
+        settling = k >= count - _SETTLING
+        fractions = _FINE if settling else (1.0,)
+        changes = scans.changes if settling or _PATIENCE <= k < _NEAR else None
         for fraction in fractions:
             surfels = scans.surfels(motion, sizes[k] * fraction, settings.surfel_points)
             found, distance = add_matches(
@@ -151,7 +155,7 @@ def estimate_drift(
                 sigmas[k],
                 elsewhere,
                 normals,
-                scans.changes,
+                changes,
                 len(fractions),
             )
             matches += found
