@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import shutil
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -58,6 +60,7 @@ def estimate(
     Raises GarbiError where the input cannot give a map.
     """
     progress = progress or Silent()
+    threading.Thread(target=_import_ahead).start()
     with timed(dive, "stripes and sweeps"):
         sweeps = sweeps_of(dive, work, workers, progress, show)
     folder = work / dive.key
@@ -68,6 +71,16 @@ def estimate(
         judged = judged_of(dive, store, registered.inside, database, folder, progress, show)
         write_poses(database / trajectory_file(dive), registered.trajectory)
     return Estimate(store, navigated, registered, judged)
+
+
+def _import_ahead() -> None:
+    """Libraries of the later stages, seconds in all, while images are decoded, which leaves Python idle.
+
+    One that is broken is for the stage that needs it to tell.
+    """
+    for name in ("garbi_map.navigate.eskf", "open3d", "rerun"):
+        with suppress(Exception):
+            import_module(name)
 
 
 def estimate_apart(
