@@ -86,8 +86,13 @@ _TORN = 1e-3
 """m between overlapping sweeps, ten times what is usual, from which on the drift estimate counts as failed."""
 
 
-def write_outputs(out: Path, dive: Dive, store: SweepStore, built: Map, started: float, progress: Progress) -> None:
-    """Write everything but cloud.laz, which the fusion has written; report.json and report.html come last."""
+def write_outputs(
+    out: Path, home: Path, dive: Dive, store: SweepStore, built: Map, started: float, progress: Progress
+) -> None:
+    """Write everything but cloud.laz, which the fusion has written; report.json and report.html come last.
+
+    home: the folder to which the files will be moved.
+    """
     from garbi_map.view import record_map
 
     settings, reference = dive.config.export, built.located.reference
@@ -119,7 +124,7 @@ def write_outputs(out: Path, dive: Dive, store: SweepStore, built: Map, started:
     report = make_report(dive, store, built)
     write_report_json(out / "report.json", report)
     navigation = built.navigated.trajectory
-    write_report_html(out / "report.html", report, built.seabed, built.registered, navigation, settings)
+    write_report_html(out / "report.html", report, built.seabed, built.registered, navigation, settings, home)
     progress.advance()
 
 

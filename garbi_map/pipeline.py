@@ -87,7 +87,7 @@ def build_map(
             built = map_of(database, dive, made)
         with published(database, out, config) as files:
             write_clouds(database, files, config, built.located.reference)
-            write_outputs(files, dive, made.store, built, started, progress)
+            write_outputs(files, out, dive, made.store, built, started, progress)
         shutil.rmtree(work, ignore_errors=True)
         return left_out(database, dives)
 

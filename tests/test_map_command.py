@@ -88,7 +88,7 @@ def test_mesh_and_pictures_open(finished: Path) -> None:
 
 
 def test_report_says_what_was_read_and_lost_nothing(finished: Path) -> None:
-    """A sound log: nothing left out, every image a profile, the configuration complete."""
+    """A sound log: nothing left out, every image a profile, the configuration complete, the page knows its folder."""
     from garbi_map.config import Config, load_config
 
     report = json.loads((finished / "report.json").read_text())
@@ -96,6 +96,7 @@ def test_report_says_what_was_read_and_lost_nothing(finished: Path) -> None:
     assert report["counts"]["images"] == report["counts"]["profiles"] == 152
     assert report["counts"]["sweeps"] == 3
     assert set(report["outputs"]) == set(OUTPUTS)
+    assert f"garbi view {finished}</" in (finished / "report.html").read_text()
     assert load_config(finished / "config.yaml") == Config.model_validate(report["configuration"]) == Config()
 
 

@@ -42,10 +42,12 @@ def write_report_html(
     registered: Registered,
     navigation: Trajectory,
     settings: ExportSettings | None = None,
+    home: Path | None = None,
 ) -> None:
     """Write report.html, complete or not at all; every string of the report is escaped.
 
-    navigation: the navigation filter's trajectory, against which the drift is told.
+    navigation: the navigation filter's trajectory, against which the drift is told; home: the folder in which the page
+    will lie with the other files, if it is not the one of `path`.
     The verdict comes first, then the map, where it is weak, the drift found, how well sweeps agree, and the rest.
 
     Raises GarbiError where the report does not fit its model or the file cannot be written.
@@ -63,7 +65,7 @@ def write_report_html(
         paths="".join(f"<code>{escape(name)}</code> " for name in own.source.paths),
         verdict=escape(own.verdict),
         tiles=_tiles(numbers(seabed, registered.agreement, found)),
-        folder=escape(quote(str(path.parent))),
+        folder=escape(quote(str(home or path.parent))),
         viewer=escape(own.versions.get("rerun-sdk", "")),
         left_out=_left_out(own.left_out),
         hillshade=_hillshade(seabed, settings, own),
