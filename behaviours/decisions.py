@@ -15,6 +15,7 @@ from behaviours.moving import Mover
 from behaviours.types import AXES, Command, Pose, Proposal
 from garbi_map.log import LogWriter
 from garbi_map.log.records import Floats
+from garbi_map.words import many
 
 OK, WARN, ERROR, STALE = 0, 1, 2, 3
 COMMAND, DECISIONS, VERDICT = "/behaviours/command", "/behaviours/decisions", "/behaviours/verdict"
@@ -182,7 +183,7 @@ def parts(decision: Decision) -> Iterator[tuple[int, str, str, dict[str, str]]]:
     for mover in decision.movers:
         place = [*mover.at(decision.now_ns), *mover.velocity, mover.radius]
         figures = dict(zip(("x", "y", "z", "vx", "vy", "vz", "radius"), map(_number, place), strict=True))
-        yield WARN, f"moving/{mover.number}", f"seen in {mover.passes} passes", figures
+        yield WARN, f"moving/{mover.number}", f"seen in {many(mover.passes, 'pass', 'passes')}", figures
 
 
 def _number(value: float) -> str:

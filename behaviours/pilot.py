@@ -25,6 +25,7 @@ from behaviours.types import Command, Pose, Proposal
 from behaviours.wander import Wander
 from garbi_map.log.records import Floats, Mount
 from garbi_map.rig import Rig
+from garbi_map.words import many
 
 LOOK = 3.0  # m before the bow
 FARTHEST = 2.0  # m, at which the ground is looked for by a rig that looks ahead
@@ -144,7 +145,8 @@ class Pilot:
 def _words(mover: Mover, pose: Pose) -> str:
     x, y, _ = pose.to_base(mover.at(pose.stamp_ns)[None])[0]
     speed = float(np.linalg.norm(mover.velocity))
-    return f"; something moving at {x:.1f} m ahead, {y:+.1f} m to port, {speed:.2f} m/s, seen in {mover.passes} passes"
+    passes = many(mover.passes, "pass", "passes")
+    return f"; something moving at {x:.1f} m ahead, {y:+.1f} m to port, {speed:.2f} m/s, seen in {passes}"
 
 
 def in_the_way(points: Floats, half: Floats) -> Floats:
