@@ -146,19 +146,13 @@ def estimate_drift(
         changes = scans.changes if settling or _PATIENCE <= k < _NEAR else None
         for fraction in fractions:
             surfels = scans.surfels(motion, sizes[k] * fraction, settings.surfel_points)
-            found, distance = add_matches(
-                problem,
-                motion,
-                surfels,
-                gates[k],
-                _REACH[k],
-                sigmas[k],
-                elsewhere,
-                normals,
-                changes,
-                len(fractions),
+            found = matched(
+                motion, surfels, gates[k], _REACH[k], sigmas[k], elsewhere, normals, changes, len(fractions)
             )
-            matches += found
+            distance = 0.0
+            if found is not None:
+                found.add_to(problem)
+                matches, distance = matches + len(found.residual), found.distance
         return problem, matches, distance
 
     rounds: list[Round] = []
@@ -183,29 +177,14 @@ class Matches:
     rows: Rows
     place: Floats
 
-    def add_to(self, problem: NormalEquations) -> Floats:
-        """Adds them; returns the weights (n,)."""
-        return problem.add(self.residual, self.sigma, self.rows.runs, 2.0, self.rows.tail)
+    @property
+    def distance(self) -> float:
+        """Median, m."""
+        return float(np.median(np.abs(self.residual)))
 
-
-def add_matches(
-    problem: NormalEquations,
-    motion: Motion,
-    surfels: Surfels,
-    gate: float,
-    reach: float,
-    sigma: float,
-    settled: Surfels | None = None,
-    normals: Normals = summed_normals,
-    changes: Changes | None = None,
-    looks: int = 1,
-) -> tuple[int, float]:
-    """Adds what matched surfels say of the motion; returns their number and median distance, m."""
-    matches = matched(motion, surfels, gate, reach, sigma, settled, normals, changes, looks)
-    if matches is None:
-        return 0, 0.0
-    matches.add_to(problem)
-    return len(matches.residual), float(np.median(np.abs(matches.residual)))
+    def add_to(self, problem: NormalEquations) -> None:
+        """Adds what they say."""
+        problem.add(self.residual, self.sigma, self.rows.runs, 2.0, self.rows.tail)
 
 
 def matched(
