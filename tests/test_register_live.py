@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scanned_floor import MOUNTS, Dive, dive, floor_error, register_dive, true_trajectory
@@ -11,6 +13,7 @@ from garbi_map.navigate import NavigateSettings, Trajectory
 from garbi_map.register import RegisterSettings, register
 from garbi_map.register.live import LiveDrift
 from garbi_map.register.settings import DriftSettings
+from garbi_map.sweep.store import SweepStore
 
 CHOSEN = DriftSettings(surfel_size=0.06, coarse_surfel_size=0.08, surfel_points=6, live_window=10.0)
 
@@ -68,6 +71,36 @@ def test_only_the_window_moves(one):
     assert np.array_equal(path.position[: old.sum()], before.position[old])
     assert len(live._sweeps) <= 7
     assert len(live.solution.rounds) == 2
+
+
+def test_a_first_sweep_of_one_profile_shifts_nothing_in_time(one, tmp_path):
+    """It cannot be estimated; the others' poses are theirs, at their stamps."""
+    store = SweepStore(tmp_path / "short")
+    whole = one.store.load(0)
+    only = whole.profile == len(whole.stamp_ns) - 1
+    columns = {name: getattr(whole, name)[only] for name in ("points", "sigma", "intensity", "row")}
+    last = {"stamp_ns": whole.stamp_ns[-1:], "alpha": whole.alpha[-1:], "profile": np.zeros(only.sum(), np.int32)}
+    store.add(replace(whole, **columns, **last))
+    for sweep in list(one.store)[1:]:
+        store.add(sweep)
+    store.finish([])
+    _, navigated = register_dive(one)
+    made = register(store, one.log, navigated, RegisterSettings(drift=CHOSEN, live=True), NavigateSettings())
+    assert floor_error(one, made.trajectory) < 1.5 * floor_error(one, true_trajectory(one.store.stamps()))
+
+
+def test_sweeps_that_hold_nothing_to_go_on_are_refused_in_one_line(one, tmp_path):
+    """Two sweeps of one profile each."""
+    store = SweepStore(tmp_path / "nothing")
+    for index in (0, 1):
+        whole = one.store.load(index)
+        only = whole.profile == 0
+        columns = {name: getattr(whole, name)[only] for name in ("points", "sigma", "intensity", "row", "profile")}
+        store.add(replace(whole, **columns, stamp_ns=whole.stamp_ns[:1], alpha=whole.alpha[:1]))
+    store.finish([])
+    _, navigated = register_dive(one)
+    with pytest.raises(GarbiError, match="no sweep holds two profiles"):
+        register(store, one.log, navigated, RegisterSettings(drift=CHOSEN, live=True), NavigateSettings())
 
 
 def test_sweeps_out_of_order_are_refused(one):

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 from garbi_map.errors import GarbiError
-from garbi_map.log.records import Navigation
+from garbi_map.log.records import Mount, Navigation
 from garbi_map.navigate import NavigationResult, Trajectory
 from garbi_map.navigate import navigate as run_navigation
 from garbi_map.navigate.settings import NavigateSettings
@@ -101,21 +101,9 @@ def register(
     progress("all sweeps at once")
     far = solve_far(store, mount, sensors, closed, settings.drift, progress)
     clocks = _retimed(store, far, clocks, scanner)
-    trajectory = _trajectory(far.path, far.path.covariance, sensors.epoch_ns, stamps)
-
-    return Registered(
-        trajectory=trajectory,
-        inside=_trajectory(far.path, far.path.relative, sensors.epoch_ns, stamps),
-        rounds=near.rounds + far.rounds,
-        graph_step=_steps(near.surfels, corrections),
-        loops=len(loops),
-        agreement=compare_placements(
-            store, mount, prior, trajectory, _placed_by(prior, far, sensors.epoch_ns), far.surfels
-        ),
-        constants=_constants(far),
-        clocks=clocks,
-        looped=[(loop.first, loop.second) for loop in loops],
-    )
+    rounds = near.rounds + far.rounds
+    found = _registered(store, mount, prior, far, sensors.epoch_ns, rounds, _steps(near.surfels, corrections))
+    return replace(found, loops=len(loops), clocks=clocks, looped=[(loop.first, loop.second) for loop in loops])
 
 
 def _registered_live(
@@ -128,24 +116,39 @@ def _registered_live(
     scanner: Scanner | None,
 ) -> Registered:
     """The sweeps one after the other, each with what had been measured when it ended."""
-    mount, stamps = log.mount("rig"), store.stamps()
-    live = LiveDrift(mount, settings.drift, navigate, scanner)
+    live = LiveDrift(log.mount("rig"), settings.drift, navigate, scanner)
     for sweep in store:
         progress(f"sweep {sweep.index + 1} of {len(store)}")
         if len(sweep.stamp_ns) > 1:
-            live.add(sweep, log.between(int(stamps[0]) - live.LEAD_NS, int(sweep.stamp_ns[-1])))
-    solution, epoch_ns = live.solution, int(stamps[0])
-    assert solution is not None
+            live.add(sweep, log)
+    if live.solution is None:
+        raise GarbiError(
+            "registration: no sweep holds two profiles, too few for a trajectory; leave registration.live out"
+        )
+    rounds = live.solution.rounds
+    return _registered(store, log.mount("rig"), prior, live.solution, live.epoch_ns, rounds, np.zeros(len(store)))
+
+
+def _registered(
+    store: SweepStore,
+    mount: Mount,
+    prior: Trajectory,
+    solution: Solution,
+    epoch_ns: int,
+    rounds: list[list[Round]],
+    steps: Floats,
+) -> Registered:
+    """What a solution says of the sweeps, beside the navigation filter's prior; nothing of loops and clocks."""
+    stamps = store.stamps()
     trajectory = _trajectory(solution.path, solution.path.covariance, epoch_ns, stamps)
+    placed = _placed_by(prior, solution, epoch_ns)
     return Registered(
         trajectory=trajectory,
         inside=_trajectory(solution.path, solution.path.relative, epoch_ns, stamps),
-        rounds=solution.rounds,
-        graph_step=np.zeros(len(store)),
+        rounds=rounds,
+        graph_step=steps,
         loops=0,
-        agreement=compare_placements(
-            store, mount, prior, trajectory, _placed_by(prior, solution, epoch_ns), solution.surfels
-        ),
+        agreement=compare_placements(store, mount, prior, trajectory, placed, solution.surfels),
         constants=_constants(solution),
     )
 
