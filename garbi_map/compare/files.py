@@ -11,10 +11,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from garbi_map.aside import write_text, written_aside
+from garbi_map.aside import write_text
 from garbi_map.compare.change import Change
 from garbi_map.compare.patches import Patch
 from garbi_map.export.georeference import Georeference
+from garbi_map.export.raster import write_raster
 
 BANDS = (
     ("distance", "m", "first map to second, along the normal; positive is gained"),
@@ -29,37 +30,8 @@ _COLUMNS = (
 
 def write_change_tif(path: Path, change: Change, labels: NDArray[np.int32]) -> None:
     """Cloud-optimised GeoTIFF of three float32 bands on the first map's grid, no-data NaN, north up."""
-    import rasterio
-    from rasterio.transform import from_origin
-
-    rows, columns = change.distance.shape
-    corner = np.array([[change.origin[0], change.origin[1] + rows * change.cell, 0.0]])
-    ((west, north, _),) = change.reference.placed(corner)
-    side = change.cell * change.reference.scale
-    significant = np.where(change.compared, labels > 0, np.nan)
-    with rasterio.MemoryFile() as memory:
-        with memory.open(
-            driver="COG",
-            width=columns,
-            height=rows,
-            count=len(BANDS),
-            dtype="float32",
-            nodata=np.nan,
-            crs=rasterio.crs.CRS.from_wkt(change.reference.wkt),
-            transform=from_origin(west, north, side, side),
-            compress="ZSTD",
-            predictor="YES",
-            overview_resampling="average",
-        ) as file:
-            layers = (change.distance, change.detection, significant)
-            for number, (layer, (name, unit, what)) in enumerate(zip(layers, BANDS, strict=True), 1):
-                file.write(layer[::-1].astype(np.float32), number)
-                file.set_band_description(number, name)
-                file.set_band_unit(number, unit)
-                file.update_tags(number, description=what)
-            file.update_tags(AREA_OR_POINT="Area", software="garbi")
-        with written_aside(path) as aside:
-            aside.write_bytes(memory.getbuffer())
+    layers = (change.distance, change.detection, np.where(change.compared, labels > 0, np.nan))
+    write_raster(path, BANDS, layers, (change.origin[0], change.origin[1]), change.cell, change.reference)
 
 
 def write_changes_csv(path: Path, patches: Sequence[Patch], reference: Georeference) -> None:

@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 from garbi_map import __version__
 from garbi_map.errors import GarbiError
 from garbi_map.export.georeference import LOCAL_WKT, Georeference
+from garbi_map.export.raster import BANDS
 
 Floats = NDArray[np.float64]
 
 _FILES = ("seabed.tif", "cloud.laz", "report.json", "config.yaml")
-_BANDS = ("elevation", "uncertainty", "density", "standard deviation")
+_BANDS = tuple(name for name, _, _ in BANDS)
 _AT_ONCE = 1_000_000
 """Points of a cloud that are decoded at once."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -25,28 +26,44 @@ def write_seabed_tif(path: Path, seabed: Seabed, reference: Georeference | None 
 
     Raises GarbiError where the file cannot be written.
     """
-    import rasterio
-    from rasterio.transform import from_origin
-
     own = reference or Georeference()
-    rows, columns = seabed.elevation.shape
-    ((west, north, up),) = own.placed(np.array([[seabed.origin[0], seabed.origin[1] + rows * seabed.cell, 0.0]]))
-    layers: tuple[NDArray, ...] = (
-        seabed.elevation.astype(np.float64) + up,
+    layers = (
+        seabed.elevation.astype(np.float64) + own.shift[2],
         seabed.uncertainty,
         np.where(seabed.known, seabed.density, np.nan),
         seabed.standard_deviation,
     )
+    write_raster(path, BANDS, layers, (seabed.origin[0], seabed.origin[1]), seabed.cell, own)
+
+
+def write_raster(
+    path: Path,
+    bands: Sequence[tuple[str, str, str]],
+    layers: Sequence[NDArray],
+    origin: tuple[float, float],
+    cell: float,
+    reference: Georeference,
+) -> None:
+    """A cloud-optimised GeoTIFF of float32 bands, no-data NaN, north up.
+
+    bands: name, unit and description of each; layers (rows, columns): row 0 in the south; origin (x, y) of the outer corner
+    of cell (0, 0), and cell, m in `map`. Raises GarbiError where the file cannot be written.
+    """
+    import rasterio
+    from rasterio.transform import from_origin
+
+    rows, columns = layers[0].shape
+    ((west, north, _),) = reference.placed(np.array([[origin[0], origin[1] + rows * cell, 0.0]]))
     with rasterio.MemoryFile() as memory:
         with memory.open(
             driver="COG",
             width=columns,
             height=rows,
-            count=len(BANDS),
+            count=len(bands),
             dtype="float32",
             nodata=np.nan,
-            crs=rasterio.crs.CRS.from_wkt(own.wkt),
-            transform=from_origin(west, north, seabed.cell * own.scale, seabed.cell * own.scale),
+            crs=rasterio.crs.CRS.from_wkt(reference.wkt),
+            transform=from_origin(west, north, cell * reference.scale, cell * reference.scale),
             compress="ZSTD",
             predictor="YES",
             overview_resampling="average",
@@ -54,11 +71,11 @@ def write_seabed_tif(path: Path, seabed: Seabed, reference: Georeference | None 
             statistics="YES",
             geotiff_version="1.1",  # readers take the vertical part of the system from no older one
         ) as file:
-            for number, (layer, (name, unit, what)) in enumerate(zip(layers, BANDS, strict=True), 1):
+            for number, (layer, (name, unit, what)) in enumerate(zip(layers, bands, strict=True), 1):
                 file.write(layer[::-1].astype(np.float32), number)
                 file.set_band_description(number, name)
                 file.set_band_unit(number, unit)
                 file.update_tags(number, description=what)
-            file.update_tags(AREA_OR_POINT="Area", software="garbi", from_map=json.dumps(own.from_map()))
+            file.update_tags(AREA_OR_POINT="Area", software="garbi", from_map=json.dumps(reference.from_map()))
         with written_aside(path) as aside:
             aside.write_bytes(memory.getbuffer())
