@@ -9,6 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from behaviours.kernels import FREE, _inside, _kind
+from behaviours.kernels_rollout import moved_on
 from garbi_map.log.records import Floats
 
 MOST_DOUBT = 0.4  # m: more would bar all ways
@@ -90,18 +91,17 @@ def flee(
         barred = _barred(x, y, z, heading, shell, room, voxel, low, shape, least, assumed_free_above, layers)
         for n in range(count):
             first = (n + 0.5) * step <= manoeuvres[m, 2]
-            wanted = manoeuvres[m, 0] if first else manoeuvres[m, 3]
-            surge += (wanted - surge) * min(step / model[0], 1.0)
+            wanted_surge = manoeuvres[m, 0] if first else manoeuvres[m, 3]
+            wanted_rate = manoeuvres[m, 1] if first else 0.0
+            px, py, turned, surge, sway, rate = moved_on(
+                x, y, heading, surge, sway, rate, wanted_surge, wanted_rate, current, step, model
+            )
             heave += (manoeuvres[m, 4] - heave) * min(step / model[0], 1.0)
-            rate += ((manoeuvres[m, 1] if first else 0.0) - rate) * min(step / model[1], 1.0)
-            cos, sin = math.cos(heading), math.sin(heading)
-            sway += step * ((-sin * current[0] + cos * current[1] - sway) / model[2] - model[3] * surge * rate)
-            px, py = x + step * (cos * surge - sin * sway), y + step * (sin * surge + cos * sway)
-            pz, turned = z + step * heave, heading + step * rate
+            pz = z + step * heave
             now = _barred(px, py, pz, turned, shell, room, voxel, low, shape, least, assumed_free_above, layers)
             if now > barred:  # safety will not let it; water carries it abeam all the same
                 surge, heave, rate = 0.0, 0.0, 0.0
-                x, y = x - step * sin * sway, y + step * cos * sway
+                x, y = x - step * math.sin(heading) * sway, y + step * math.cos(heading) * sway
                 now = _barred(x, y, z, heading, shell, room, voxel, low, shape, least, assumed_free_above, layers)
             else:
                 x, y, z, heading = px, py, pz, turned

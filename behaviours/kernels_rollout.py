@@ -16,6 +16,19 @@ GLANCE = 4  # steps between those at which the view is judged
 
 
 @njit(cache=True, nogil=True, inline="always")
+def moved_on(x, y, heading, surge, sway, rate, wanted_surge, wanted_rate, current, step, model):  # type: ignore[no-untyped-def]
+    """Place m, heading rad, speeds m/s and yaw rate rad/s after a step s: surge and yaw follow what is wanted with the lags
+    of `model` (see rehearse), and abeam, where nothing drives it, the vehicle goes with the water and skids in turns."""
+    surge += (wanted_surge - surge) * min(step / model[0], 1.0)
+    rate += (wanted_rate - rate) * min(step / model[1], 1.0)
+    cos, sin = math.cos(heading), math.sin(heading)
+    sway += step * ((-sin * current[0] + cos * current[1] - sway) / model[2] - model[3] * surge * rate)
+    x += step * (cos * surge - sin * sway)
+    y += step * (sin * surge + cos * sway)
+    return x, y, heading + step * rate, surge, sway, rate
+
+
+@njit(cache=True, nogil=True, inline="always")
 def _at(chart, voxel, low, x, y, outside):  # type: ignore[no-untyped-def]
     """The value of the column (nx, ny) that (x, y) is in."""
     i, j = math.floor(x / voxel) - low[0], math.floor(y / voxel) - low[1]
@@ -112,15 +125,10 @@ def rehearse(
             first = (n + 0.5) * step <= manoeuvres[m, 2]
             wanted_surge = manoeuvres[m, 0] if first else manoeuvres[m, 3]
             wanted_rate = manoeuvres[m, 1] if first else manoeuvres[m, 4]
-            surge += (wanted_surge - surge) * min(step / model[0], 1.0)
-            rate += (wanted_rate - rate) * min(step / model[1], 1.0)
-            cos, sin = math.cos(heading), math.sin(heading)
-            carried = -sin * current[0] + cos * current[1]
-            sway += step * ((carried - sway) / model[2] - model[3] * surge * rate)
-            x += step * (cos * surge - sin * sway)
-            y += step * (sin * surge + cos * sway)
+            x, y, heading, surge, sway, rate = moved_on(
+                x, y, heading, surge, sway, rate, wanted_surge, wanted_rate, current, step, model
+            )
             z += step * min(max(0.5 * (manoeuvres[m, 5] - z), -0.1), 0.1)
-            heading += step * rate
             layer = min(max(int(math.floor((z - heights[0]) / (heights[1] - heights[0]) + 0.5)), 0), len(heights) - 1)
             cos, sin = math.cos(heading), math.sin(heading)
             near, calm, dark = INF, INF, INF
