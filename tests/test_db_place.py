@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from garbi_map.db import PlaceSettings
 from garbi_map.db.place import Placement, place
-from garbi_map.db.relief import find_shifts
 from garbi_map.register.surfels import Surfels
+from garbi_map.seabed.relief import find_shifts
 
 Floats = NDArray[np.float64]
 STEP = 0.02  # m, of the ground's grid

@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, map_coordinates, minimum_filter
 from scipy.spatial.transform import Rotation
 
-from garbi_map.compare.coarse import Guess, guesses, relief_of
+from garbi_map.compare.coarse import guesses
 from garbi_map.compare.maps import MapFolder
 from garbi_map.compare.settings import AlignmentSettings
 from garbi_map.errors import GarbiError
+from garbi_map.seabed.relief import Guess, relief_of
 from garbi_map.words import length, percent
 
 Floats = NDArray[np.float64]
@@ -168,7 +169,7 @@ class _Ground:
 
 def _start(guess: Guess, points: Floats, ground: _Ground) -> Motion:
     """The guess with the height that fits."""
-    rotation = Rotation.from_euler("z", guess.yaw).as_matrix()
+    rotation = Rotation.from_euler("z", guess.heading).as_matrix()
     shift = np.array([*guess.shift, 0.0])
     off, normal, inside = ground.under(points @ rotation.T + shift)
     if inside.any():

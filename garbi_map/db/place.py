@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from garbi_map.db.relief import Guess, find_shifts
 from garbi_map.db.settings import PlaceSettings
 from garbi_map.db.submaps import Pose, Submap
 from garbi_map.register.surfels import Surfels, extract_surfels, join
+from garbi_map.seabed.relief import Guess, find_shifts
 
 Floats = NDArray[np.float64]
 
