@@ -31,7 +31,7 @@ def write_sample(
 ) -> Path:
     """Images at 10 Hz, encoder and IMU at 50, pressure, DVL, USBL and odometry at 5; arrivals are 3 ms late."""
     late = 3_000_000
-    with LogWriter(path, topics, compression, chunk_size) as log:
+    with LogWriter(path, topics, compression=compression, chunk_size=chunk_size) as log:
         log.attach("rig.yaml", "application/yaml", RIG.encode())
         log.write_metadata("dive", {"place": "tank"})
         log.write_mounts(start, {"rig": Mount(np.array([0.2, 0.0, -0.1])), "imu_link": Mount(), "dvl_link": Mount()})

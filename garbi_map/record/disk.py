@@ -160,7 +160,11 @@ class Disk(threading.Thread):
     def _next(self) -> None:
         path = self.target.file(len(self.files))
         self._log = LogWriter(
-            path, self.topics, self.settings.compression, in_place=True, open_file=self.target.open_file
+            path,
+            self.topics,
+            compression=self.settings.compression,
+            in_place=True,
+            open_file=self.target.open_file,
         )
         self._begin(self._log)
         self._log.flush()
