@@ -18,7 +18,7 @@ from garbi_map.calibrate.field_views import UnknownScanner, Views
 from garbi_map.log.records import Floats, Stamps
 from garbi_map.navigate import Trajectory
 from garbi_map.register.constants import Constant
-from garbi_map.register.drift import Matches, Scans, matched
+from garbi_map.register.drift import Belief, Matches, Scans, matched
 from garbi_map.register.factors import Factor
 from garbi_map.register.motion import Motion
 from garbi_map.register.normal_equations import NormalEquations
@@ -181,7 +181,7 @@ class Joint:
             self._corner = self._corner + _SPREAD
             surfels = scans.surfels(self.motion, voxel, settings.surfel_points, corner)
             looks = len(sizes)
-            found = matched(self.motion, surfels, gate, np.inf, sigma, None, normals, changes, looks)
+            found = matched(self.motion, surfels, gate, np.inf, Belief(sigma, looks=looks), None, normals, changes)
             if found is not None:
                 yield found
 
