@@ -85,8 +85,9 @@ def show_log(path: Path, wishes: Wishes, web: bool, port: int) -> list[str]:
     with viewer(None, web, port) as opened:
         _announce(opened)
         log = _log(path, wishes)
-        from garbi_map.view.stream import new_recording
+        from garbi_map.view.stream import new_recording, spare_pandas
 
+        spare_pandas()
         recording = new_recording(path.stem)
         recording.connect_grpc(opened.proxy)
         try:

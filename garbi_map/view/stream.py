@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -33,6 +34,30 @@ def new_recording(name: str) -> RecordingStream:
     recording.set_log_time_enabled(False)
     recording.send_recording_name(name)
     return recording
+
+
+class _NoPandas:
+    """A finder of modules that says that there is no pandas."""
+
+    def find_spec(self, name: str, *_: Any) -> None:
+        """None for everything else: let others look."""
+        if name == "pandas":
+            raise ModuleNotFoundError(name)
+
+
+def spare_pandas() -> None:
+    """Arrow does without pandas in this process.
+
+    At the first array it looks whether pandas is installed, and imports it: a quarter of the time to the first picture.
+    """
+    import pyarrow as pa
+
+    absent = _NoPandas()
+    sys.meta_path.insert(0, absent)
+    try:
+        pa.array(np.zeros(1))
+    finally:
+        sys.meta_path.remove(absent)
 
 
 @contextmanager
