@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -94,10 +95,16 @@ class DecisionWriter:
         """What each part had to say, and who else has; see `parts`."""
         self._write_array(DECISIONS, decision.now_ns, [self._status(*part) for part in (*parts(decision), *more)])
 
-    def write_verdict(self, now_ns: int, lines: list[tuple[str, str, str]]) -> None:
-        """(expectation, what became of it: held, failed, no encounter; in words)."""
+    def write_verdict(
+        self, now_ns: int, lines: list[tuple[str, str, str]], moments: list[list[tuple[float, float, bool]]]
+    ) -> None:
+        """(expectation, what became of it: held, failed, no encounter; in words), and when each was met and when not:
+        from, to, s after the first decision."""
         levels = {"held": OK, "failed": ERROR, "no encounter": STALE}
-        statuses = [self._status(levels[state], name, words, {"verdict": state}) for name, state, words in lines]
+        statuses = []
+        for (name, state, words), own in zip(lines, moments, strict=True):
+            when = json.dumps([[round(begin, 3), round(end, 3), met] for begin, end, met in own])
+            statuses.append(self._status(levels[state], name, words, {"verdict": state, "moments": when}))
         self._write_array(VERDICT, now_ns, statuses)
 
     def write_metadata(self, name: str, record: dict[str, str]) -> None:

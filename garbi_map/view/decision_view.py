@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from garbi_map.view import style
-from garbi_map.view.decisions import AXES, Said, Tick, read_ticks, read_verdicts, spans_of
+from garbi_map.view.decisions import AXES, Said, Tick, moments_of, read_ticks, read_verdicts, spans_of
 from garbi_map.view.lanes import Lanes
 from garbi_map.view.safe_set import AHEAD, START, bow_velocity, outlines
 from garbi_map.view.stream import at, name_curves, send_curves, set_time
@@ -51,7 +51,7 @@ def stream_decisions(recording: RecordingStream, log: Log) -> Iterator[int]:
         sender.send(batch)
     verdicts, spans = read_verdicts(log), spans_of(log)
     for name, said in verdicts.items():
-        sender.lanes.verdict(name, said, end if first is None else first, end, spans.get(name))
+        sender.lanes.verdict(name, said, end if first is None else first, end, spans.get(name), moments_of(said))
     sender.lanes.finish(end)
     recording.log(style.ABOUT, rr.TextDocument(_about(verdicts), media_type="text/markdown"), static=True)
     yield end

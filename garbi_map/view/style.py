@@ -101,12 +101,15 @@ WORDS = "words"
 LANES = "lanes"
 
 ACTS, LEADS, CHANGES, TROUBLE = "acts", "leads", "changes it", "trouble"
+MET, MISSED = "met", "missed"
 NOTHING, DAMAGED, WHOLE = "nothing", "damaged", "without gaps"
 STATES: dict[str, Colour] = {
     ACTS: CAMERA,
     LEADS: OURS,
     CHANGES: CAUTION,
     TROUBLE: ALARM,
+    MET: WELL,
+    MISSED: ALARM,
     "held": WELL,
     "failed": ALARM,
     "no encounter": QUIET,
