@@ -73,7 +73,7 @@ def test_a_map_s_recording_shows_it(scene: Scene, tmp_path: Path) -> None:
     mesh = content[style.TRUTH_SURFACE.path]
     (triangles,) = [row for row in mesh["Mesh3D:triangle_indices"] if row]
     (vertices,) = [row for row in mesh["Mesh3D:vertex_positions"] if row]
-    assert 0 < len(triangles) and np.max(triangles) < len(vertices)
+    assert len(triangles) > 0 and np.max(triangles) < len(vertices)
     assert style.TRUTH_ROUTE.path in content
     (page,) = [row for row in content[style.ABOUT]["TextDocument:text"] if row]
     assert style.TRUTH_SURFACE.meaning in page[0]

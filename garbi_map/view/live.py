@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import queue
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 
+from garbi_map.errors import GarbiError
 from garbi_map.view.viewer import Viewer, open_in, viewer
 
 if TYPE_CHECKING:
@@ -71,19 +73,26 @@ def live(
     finished: Path | None = None,
 ) -> Iterator[Live]:
     """A viewer that shows work as it goes. When the block has ended well, it opens `finished` where there is such a file,
-    and this returns when the user closes it. Raises GarbiError where there is no display."""
-    with viewer(None, web=False) as opened:
-        from garbi_map.view.stream import new_recording
+    and this returns when the user closes it. A viewer that ends early is told of when the work is done.
 
-        recording = new_recording(name)
-        recording.connect_grpc(opened.proxy, default_blueprint=layout())
-        shown = Live(recording, send)
-        try:
-            yield shown
-        finally:
-            shown.close()
-            recording.disconnect()
-        _stay(opened, finished)
+    Raises GarbiError where there is no display."""
+    done = False
+    try:
+        with viewer(None, web=False) as opened:
+            from garbi_map.view.stream import recording_for
+
+            with recording_for(opened, name, layout()) as recording:
+                shown = Live(recording, send)
+                try:
+                    yield shown
+                finally:
+                    shown.close()
+                done = True
+            _stay(opened, finished)
+    except GarbiError as error:
+        if not done:
+            raise
+        print(f"garbi: {error}", file=sys.stderr)  # the work is done, whatever became of its viewer
 
 
 @contextmanager

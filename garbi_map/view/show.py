@@ -85,22 +85,20 @@ def show_log(path: Path, wishes: Wishes, web: bool, port: int) -> list[str]:
     with viewer(None, web, port) as opened:
         _announce(opened)
         log = _log(path, wishes)
-        from garbi_map.view.stream import new_recording, spare_pandas
+        from garbi_map.view.stream import recording_for, spare_pandas, taken
 
         spare_pandas()
-        recording = new_recording(path.stem)
-        recording.connect_grpc(opened.proxy)
-        try:
+        with recording_for(opened, path.stem) as recording:
             if not wishes.no_images:
                 send_first_image(recording, log)
+            if not taken(recording, opened):
+                return []
             source = _source(path, log, wishes)
             recording.send_blueprint(source.layout)
             for _ in source.stream(recording):
-                if not opened.open:
+                if not taken(recording, opened):
                     break
             _wait(opened)
-        finally:
-            recording.disconnect()  # before the viewer goes, or it complains
     return source.left_out()
 
 
@@ -123,7 +121,6 @@ def send_first_image(recording: RecordingStream, log: Log) -> None:
         for image in log.images():
             send_image(recording, image)
             recording.reset_time()
-            recording.flush()
             return
 
 

@@ -21,12 +21,16 @@ if TYPE_CHECKING:
     from rerun import RecordingStream
     from rerun.blueprint import Blueprint
 
+    from garbi_map.view.viewer import Viewer
+
 STALLED = 5.0  # s without a byte after which the file system is taken to refuse
+_PATIENCE = 0.5  # s between looks whether the viewer is still there
 
 
 def new_recording(name: str) -> RecordingStream:
     """A recording that nobody listens to yet; stamps are its only time."""
     os.environ.setdefault("RERUN_ANALYTICS", "0")
+    os.environ.setdefault("RUST_LOG", "off")  # what goes wrong is told in our words
     import rerun as rr
 
     recording = rr.RecordingStream(APPLICATION, recording_id=uuid.uuid4())
@@ -73,13 +77,38 @@ def recording_file(path: Path, name: str, blueprint: Blueprint) -> Iterator[Reco
             try:
                 _finish(recording, aside)
             except RuntimeError as error:
-                _abandon(recording)
+                abandon(recording)
                 raise GarbiError(f"{path}: cannot be written: is the disk full? ({error})") from error
             recording.disconnect()
 
 
-def _abandon(recording: RecordingStream) -> None:
-    """Leave a recording alone whose writing thread has died: disconnecting, forgetting and shutting it down all hang."""
+@contextmanager
+def recording_for(opened: Viewer, name: str, blueprint: Blueprint | None = None) -> Iterator[RecordingStream]:
+    """A recording into a viewer; whatever it has not taken when the viewer goes is dropped."""
+    recording = new_recording(name)
+    recording.connect_grpc(opened.proxy, default_blueprint=blueprint)
+    try:
+        yield recording
+    finally:
+        if taken(recording, opened):
+            recording.disconnect()  # before the viewer goes, or it complains
+        else:
+            abandon(recording)
+
+
+def taken(recording: RecordingStream, opened: Viewer) -> bool:
+    """Wait until a viewer has all that was sent; False as soon as it has gone."""
+    while opened.open:
+        try:
+            recording.flush(timeout_sec=_PATIENCE)
+            return True
+        except RuntimeError:  # it is slow to start, or to draw
+            continue
+    return False
+
+
+def abandon(recording: RecordingStream) -> None:
+    """Leave a recording alone to which nobody listens any more: disconnecting, forgetting and shutting it down all hang."""
     import atexit
     import ctypes
 

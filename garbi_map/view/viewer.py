@@ -77,7 +77,8 @@ def viewer(file: Path | None, web: bool, port: int = WEB_PORT) -> Iterator[Viewe
         try:
             yield Viewer(process, proxy, page)
             if process.poll():
-                raise GarbiError(_why(words.read() if words.seek(0) == 0 else b"", process.returncode))
+                words.seek(0)
+                raise GarbiError(_why(words.read().decode(errors="replace"), process.returncode))
         finally:
             if process.poll() is None:
                 process.terminate()
@@ -122,14 +123,13 @@ def check_recording(path: Path) -> Path:
     return path
 
 
-def _why(words: bytes, status: int) -> str:
-    text = words.decode(errors="replace")
-    lines = [line.strip() for line in text.splitlines() if line.strip()]
-    if "adapter" in text or "wgpu" in text:
-        return (
-            "no usable graphics here (apt-get install mesa-vulkan-drivers gives a slow one): "
-            "use --web for a browser, or --save FILE.rrd and open that elsewhere"
-        )
+def _why(words: str, status: int) -> str:
+    ways_out = "use --web for a browser, or --save FILE.rrd and open that elsewhere"
+    if "winit" in words:
+        return f"the display cannot be opened: {ways_out}"
+    if "adapter" in words or "wgpu" in words.lower():
+        return f"no usable graphics here (apt-get install mesa-vulkan-drivers gives a slow one): {ways_out}"
+    lines = [line.strip() for line in words.splitlines() if line.strip()]
     return f"the viewer ended with status {status}: {lines[-1] if lines else 'it gives no reason'}"
 
 
