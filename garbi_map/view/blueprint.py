@@ -67,7 +67,7 @@ def log_blueprint(depth: float) -> Blueprint:
     import rerun.blueprint as rrb
 
     target = np.array([0.3, 0.0, -depth - 0.7])
-    eye = rrb.EyeControls3D(position=target + 2.8 * _FROM, look_target=target, eye_up=(0, 0, 1))
+    eye = rrb.EyeControls3D(position=target + 3.4 * _FROM, look_target=target, eye_up=(0, 0, 1))
     lately = rrb.VisibleTimeRange(
         style.TIMELINE,
         start=rrb.TimeRangeBoundary.cursor_relative(seconds=-_LATELY),

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 _WAITING = 4
 """Things that wait to be sent at most; what comes while so many wait is not shown."""
-_REST = 15.0
+_REST = 25.0
 """Times as long as it has worked the thread rests: it shares the interpreter with the work."""
 
 
@@ -79,8 +79,9 @@ def live(
     done = False
     try:
         with viewer(None, web=False) as opened:
-            from garbi_map.view.stream import recording_for
+            from garbi_map.view.stream import recording_for, spare_pandas
 
+            spare_pandas()
             with recording_for(opened, name, layout()) as recording:
                 shown = Live(recording, send)
                 try:

@@ -86,7 +86,8 @@ def recording_file(path: Path, name: str, blueprint: Blueprint) -> Iterator[Reco
 def recording_for(opened: Viewer, name: str, blueprint: Blueprint | None = None) -> Iterator[RecordingStream]:
     """A recording into a viewer; whatever it has not taken when the viewer goes is dropped."""
     recording = new_recording(name)
-    recording.connect_grpc(opened.proxy, default_blueprint=blueprint)
+    if opened.started():
+        recording.connect_grpc(opened.proxy, default_blueprint=blueprint)
     try:
         yield recording
     finally:
