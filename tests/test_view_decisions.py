@@ -157,7 +157,7 @@ def test_a_decision_is_shown_alike_live_and_from_its_log(log: Path) -> None:
 def test_a_live_decision_draws_what_a_log_draws(content: dict, tmp_path: Path) -> None:
     """The same entities, one tick at a time."""
     sender = DecisionSender()
-    with recording_file(tmp_path / "live.rrd", "live", decision_blueprint()) as recording:
+    with recording_file(tmp_path / "live.rrd", "decisions", "live", decision_blueprint()) as recording:
         for number in range(TICKS):
             sender(recording, decision(number))
     drawn = recorded(tmp_path / "live.rrd")

@@ -134,7 +134,8 @@ def work_blueprint() -> Blueprint:
     scene = rrb.Spatial3DView(
         origin=style.WORLD, name="The map as it grows", background=style.BACKGROUND, line_grid=False
     )
-    return rrb.Blueprint(scene, *_panels(1.0))
+    words = rrb.TextDocumentView(origin=style.ABOUT, name="What is this?")
+    return rrb.Blueprint(rrb.Vertical(scene, words, row_shares=[0.88, 0.12]), *_panels(1.0))
 
 
 def _screen(scene: Any, curves: Any, speed: float) -> Blueprint:

@@ -69,11 +69,12 @@ class Live:
 def live(
     name: str,
     layout: Callable[[], Blueprint],
-    send: Callable[[RecordingStream, Any], None],
+    sender: Callable[[], Callable[[RecordingStream, Any], None]],
     finished: Path | None = None,
 ) -> Iterator[Live]:
-    """A viewer that shows work as it goes. When the block has ended well, it opens `finished` where there is such a file,
-    and this returns when the user closes it. A viewer that ends early is told of when the work is done.
+    """A viewer that shows work as it goes: what `sender` makes sends each thing. When the block has ended well, it opens
+    `finished` where there is such a file, and this returns when the user closes it. A viewer that ends early is told of when
+    the work is done.
 
     Raises GarbiError where there is no display."""
     done = False
@@ -82,8 +83,8 @@ def live(
             from garbi_map.view.stream import recording_for, spare_pandas
 
             spare_pandas()
-            with recording_for(opened, name, layout()) as recording:
-                shown = Live(recording, send)
+            with recording_for(opened, "work", name, layout()) as recording:
+                shown = Live(recording, sender())
                 try:
                     yield shown
                 finally:
@@ -105,17 +106,17 @@ def watched(name: str, folder: Path) -> Iterator[Callable[[object], None]]:
 
         return work_blueprint()
 
-    def send(recording: RecordingStream, thing: object) -> None:
-        from garbi_map.view.live_map import send_work
+    def sender() -> Callable[[RecordingStream, object], None]:
+        from garbi_map.view.live_map import WorkSender
 
-        send_work(recording, thing)
+        return WorkSender()
 
-    with live(name, layout, send, folder / "map.rrd") as shown:
+    with live(name, layout, sender, folder / "map.rrd") as shown:
         yield shown.show
 
 
 def _stay(opened: Viewer, finished: Path | None) -> None:
-    if finished is not None and finished.exists():
+    if finished is not None and finished.exists() and opened.open:
         open_in(opened, finished)
     with suppress(KeyboardInterrupt):
         opened.process.wait()

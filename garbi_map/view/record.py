@@ -49,7 +49,7 @@ def record_map(path: Path, dive: Dive, store: SweepStore, built: Map, mesh: Mesh
     truth = Truth.of(dive.log, ours, mesh.vertices)
     surface = truth.points if truth else None
     layout = map_blueprint(mesh.vertices, ours.position, seconds / settings.longest_film, surface)
-    with recording_file(path, dive.paths[0].stem, layout) as recording:
+    with recording_file(path, "map", dive.paths[0].stem, layout) as recording:
         draw_vehicle(recording, dive.rig, dive.navigation.mount("rig"))
         _draw_routes(recording, dive, built)
         _draw_loops(recording, store, built)

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 MAP_RECORDING = "map.rrd"
 CHANGE_RECORDING = "compare.rrd"
+DECISIONS = "decisions"
 
 
 @dataclass(frozen=True)
@@ -88,7 +89,7 @@ def show_log(path: Path, wishes: Wishes, web: bool, port: int) -> list[str]:
         from garbi_map.view.stream import recording_for, spare_pandas, taken
 
         spare_pandas()
-        with recording_for(opened, path.stem) as recording:
+        with recording_for(opened, _kind(log), path.stem) as recording:
             if not wishes.no_images:
                 send_first_image(recording, log)
             if not taken(recording, opened):
@@ -107,7 +108,7 @@ def save_log(path: Path, wishes: Wishes, out: Path) -> list[str]:
     from garbi_map.view.stream import recording_file
 
     source = _source(path, _log(path, wishes), wishes)
-    with recording_file(out, path.stem, source.layout) as recording:
+    with recording_file(out, _kind(source.log), path.stem, source.layout) as recording:
         for _ in source.stream(recording):
             pass
     return source.left_out()
@@ -135,9 +136,7 @@ class _Source:
 
     @property
     def decisions(self) -> bool:
-        from garbi_map.view.decisions import TOPIC
-
-        return TOPIC in self.log.topics
+        return _kind(self.log) == DECISIONS
 
     @property
     def layout(self) -> Blueprint:
@@ -157,6 +156,12 @@ class _Source:
 
     def left_out(self) -> list[str]:
         return [*([] if self.decisions else self.lost), *self.log.losses]
+
+
+def _kind(log: Log) -> str:
+    from garbi_map.view.decisions import TOPIC
+
+    return DECISIONS if TOPIC in log.topics else "log"
 
 
 def _log(path: Path, wishes: Wishes) -> Log:

@@ -27,13 +27,17 @@ STALLED = 5.0  # s without a byte after which the file system is taken to refuse
 _PATIENCE = 0.5  # s between looks whether the viewer is still there
 
 
-def new_recording(name: str) -> RecordingStream:
-    """A recording that nobody listens to yet; stamps are its only time."""
+def new_recording(kind: str, name: str) -> RecordingStream:
+    """A recording that nobody listens to yet; stamps are its only time.
+
+    kind: what it is of, "map" or the like. Viewers keep one layout for an application: each kind and name is one, or what is
+    looked at next would look like the last.
+    """
     os.environ.setdefault("RERUN_ANALYTICS", "0")
     os.environ.setdefault("RUST_LOG", "off")  # what goes wrong is told in our words
     import rerun as rr
 
-    recording = rr.RecordingStream(APPLICATION, recording_id=uuid.uuid4())
+    recording = rr.RecordingStream(f"{APPLICATION} {kind} {name}", recording_id=uuid.uuid4())
     recording.set_log_tick_enabled(False)
     recording.set_log_time_enabled(False)
     recording.send_recording_name(name)
@@ -65,11 +69,11 @@ def spare_pandas() -> None:
 
 
 @contextmanager
-def recording_file(path: Path, name: str, blueprint: Blueprint) -> Iterator[RecordingStream]:
+def recording_file(path: Path, kind: str, name: str, blueprint: Blueprint) -> Iterator[RecordingStream]:
     """A recording into a file, complete or absent. Raises GarbiError where the file system refuses."""
     with written_aside(path) as aside:
         aside.touch()
-        recording = new_recording(name)
+        recording = new_recording(kind, name)
         recording.save(aside, default_blueprint=blueprint)
         try:
             yield recording
@@ -83,9 +87,11 @@ def recording_file(path: Path, name: str, blueprint: Blueprint) -> Iterator[Reco
 
 
 @contextmanager
-def recording_for(opened: Viewer, name: str, blueprint: Blueprint | None = None) -> Iterator[RecordingStream]:
+def recording_for(
+    opened: Viewer, kind: str, name: str, blueprint: Blueprint | None = None
+) -> Iterator[RecordingStream]:
     """A recording into a viewer; whatever it has not taken when the viewer goes is dropped."""
-    recording = new_recording(name)
+    recording = new_recording(kind, name)
     if opened.started():
         recording.connect_grpc(opened.proxy, default_blueprint=blueprint)
     try:

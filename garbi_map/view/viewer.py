@@ -20,7 +20,6 @@ from urllib.parse import quote
 from garbi_map.errors import GarbiError
 
 WEB_PORT = 9090
-_DATA_PORT = 9876
 _HERE = "127.0.0.1"
 _MAGIC, _OLD = b"RRF", (b"RRF0", b"RRF1")
 
@@ -81,9 +80,10 @@ def viewer(file: Path | None, web: bool, port: int = WEB_PORT) -> Iterator[Viewe
         )
     if web and not _free(port):
         raise GarbiError(f"port {port} is in use: choose another one with --port")
-    data = _DATA_PORT if _free(_DATA_PORT) else _any_free()
+    data = _any_free()  # not Rerun's own: whoever finds another viewer there hands everything over to it, and ends
     page = f"http://{_HERE}:{port}/?url={quote(_proxy(data), safe='')}" if web else None
     command = [str(viewer_binary()), "--bind", _HERE, "--port", str(data), "--hide-welcome-screen"]
+    command += ["--persist-state=false"]  # or the eye of the last map looks at this one
     command += ["--serve-web", "--web-viewer-port", str(port)] if web else []
     command += [str(file)] if file else ["--expect-data-soon"]
     with tempfile.TemporaryFile() as words, _terminated_in_order():
