@@ -188,7 +188,7 @@ class Joint:
 
     def _lit_at_once(self, surfels: Surfels) -> Surfels:
         """Those but where the laser turns and lingers: what moves their mean is not what moves the point of their mean
-        time, and thousands of them would hold the scale of rig and motion where it is."""
+        time, and the few per cent that they are hold the scale of rig and motion where it is."""
         t = np.clip(surfels.time, self.motion.begin, self.motion.end)
         body = self.motion.rotation(t).inv().apply(surfels.mean - self.motion.position(t))
         return surfels.select(self.scanner.lit(body, self._stamps(t), self.z))
