@@ -37,6 +37,7 @@ BIASES = [
     Constant("accelerometer_bias", 0.1, "m/s^2", 3),
     Constant("gyro_bias", 0.01, "rad/s", 3),
     Constant("dvl_scale", 0.02, "1"),
+    Constant("accelerometer_scale", 0.02, "1"),
 ]
 CLOCKS = [Constant(f"{name}_clock", 0.025, "s") for name in ("imu", "dvl", "pressure")]
 
@@ -313,11 +314,12 @@ def test_a_settled_surfel_stays_where_it_is():
 def measured_by_a_true_motion() -> tuple[Motion, Acceleration, BottomTrack, Height, AttitudeCorrection]:
     """What perfect sensors with a bias and a scale say of a motion; arms and levers included."""
     motion = some_motion(0.003)
-    motion.constants.value[:] = [0.05, -0.02, 0.03, 0.0, 0.0, 0.0, 0.005]
+    motion.constants.value[:] = [0.05, -0.02, 0.03, 0.0, 0.0, 0.0, 0.005, -0.01]
     motion.attitude_control[:] = motion.attitude_control[0]
     inverse = motion.rotation(TIMES).inv()
     arm, rate = random_vectors(0.1), motion.rate(TIMES)
-    force = inverse.apply(motion.position(TIMES, 2) - GRAVITY) + motion.constants.vector("accelerometer_bias") + arm
+    force = 0.99 * (inverse.apply(motion.position(TIMES, 2) - GRAVITY) + arm)
+    force = force + motion.constants.vector("accelerometer_bias")
     lever = np.array([-0.4, 0.2, -0.1])
     velocity = (inverse.apply(motion.position(TIMES, 1)) + np.cross(rate, lever)) * 1.005
     height = (motion.position(TIMES) + motion.rotation(TIMES).apply(lever))[:, 2]
@@ -364,6 +366,20 @@ def test_a_velocity_full_of_noise_does_not_draw_the_scale():
     rows = rows_of(BottomTrack(t, true + noise, np.zeros(3)), motion)
     column = rows.matrix[:, motion.constants_columns[motion.constants.place("dvl_scale")]][:, 0]
     assert -(column @ rows.residual) / (column @ column) == pytest.approx(0.0, abs=0.04)
+
+
+def test_a_force_full_of_noise_does_not_draw_the_scale():
+    """Nor does the accelerometer's, whose bias takes up what gravity says of it."""
+    random = np.random.default_rng(4)
+    declared = [Constant("accelerometer_bias", 0.1, "m/s^2", 3), Constant("accelerometer_scale", 0.02, "1")]
+    motion = Motion(0.0, END, PriorAttitude(np.zeros(1), np.array([[0.0, 0.0, 0.0, 1.0]])), 0.4, 1.0, declared)
+    motion.position_control[:] = random.normal(0.0, 0.3, motion.position_control.shape)
+    t = np.linspace(0.2, END - 0.2, 4000)
+    true = motion.position(t, 2)
+    noise = random.normal(0.0, true.std(), true.shape)
+    rows = rows_of(Acceleration(t, true - GRAVITY + noise, np.zeros((len(t), 3))), motion)
+    constants = rows.matrix[:, motion.constants_columns]
+    assert np.linalg.lstsq(constants, -rows.residual)[0][3] == pytest.approx(0.0, abs=0.04)
 
 
 def test_sigmas_are_taken_from_residuals_within_bounds():
