@@ -7,14 +7,17 @@ from pathlib import Path
 
 import numpy as np
 
-from garbi_map.db.submaps import Pose, read_parquet, read_submap, write_parquet
+from garbi_map.db.submaps import Pose, read_fusible, read_parquet, write_parquet
 from garbi_map.keys import code_key, digest_of
 from garbi_map.seabed import SeabedSettings, SurfaceGrid
 from garbi_map.seabed.cells import CELL
-from garbi_map.seabed.surface import TILE, coarseness
+from garbi_map.seabed.fusion import FusedCells, fuse
+from garbi_map.seabed.surface import coarseness
 
 Tiles = tuple[tuple[int, int, int], ...]
 """Of each tile its index along x and y, and how many of its cells were hit."""
+_AT_ONCE = 1 << 13
+"""Cells that are turned from rows to columns at a time, for the processor's cache."""
 
 
 def memory_name(submap: str, pose: Pose, settings: SeabedSettings) -> str:
@@ -24,45 +27,44 @@ def memory_name(submap: str, pose: Pose, settings: SeabedSettings) -> str:
 
 
 def fuse_submap(source: Path, pose: Pose, settings: SeabedSettings, target: Path) -> Tiles:
-    """Fuse the points of a submap at its pose, sweep by sweep, and write what its cells then remember.
+    """Fuse the points of a submap at its pose, and write what its cells then remember.
 
     Reads and writes files only, so that any worker can do it. Raises GarbiError.
     """
     import pyarrow as pa
 
-    grid = SurfaceGrid(settings)
-    for points in read_submap(source).sweeps(pose):
-        grid.add(points)
-    tiles = sorted(grid.tiles.items())
-    where = [(index, np.flatnonzero(tile["count"].ravel())) for index, tile in tiles]
-    hit = [tile.ravel()[cells] for (_, tile), (_, cells) in zip(tiles, where, strict=True)]
-    cells = np.concatenate(hit) if hit else np.zeros(0, CELL)
-    counts = [len(found) for _, found in where]
-    index = np.array([index for index, _ in where], np.int32).reshape(-1, 2)
-    columns = {
-        "tile_a": np.repeat(index[:, 0], counts),
-        "tile_b": np.repeat(index[:, 1], counts),
-        "cell": np.concatenate([found for _, found in where]).astype(np.int16) if where else np.zeros(0, np.int16),
-        **{name: np.ascontiguousarray(cells[name]) for name in CELL.names or ()},
-    }
-    write_parquet(target, pa.table(columns))
-    return tuple((int(a), int(b), count) for (a, b), count in zip(index, counts, strict=True))
+    fused = fuse(*read_fusible(source, pose), settings)
+    tile_a, tile_b = np.repeat(fused.tiles, fused.counts, axis=0).T
+    columns = {name: np.empty(len(fused.cell), CELL[name]) for name in CELL.names or ()}
+    for begin in range(0, len(fused.cell), _AT_ONCE):
+        rows = slice(begin, begin + _AT_ONCE)
+        for name, column in columns.items():
+            column[rows] = fused.memory[name][rows]
+    write_parquet(
+        target,
+        pa.table(
+            {
+                "tile_a": np.ascontiguousarray(tile_a),
+                "tile_b": np.ascontiguousarray(tile_b),
+                "cell": fused.cell,
+                **columns,
+            }
+        ),
+    )
+    return tuple((a, b, count) for (a, b), count in zip(fused.tiles.tolist(), fused.counts.tolist(), strict=True))
 
 
-def read_memory(path: Path, settings: SeabedSettings) -> SurfaceGrid:
-    """The grid of one submap. Raises GarbiError where the file is missing or damaged."""
+def read_memory(path: Path) -> FusedCells:
+    """What the cells of one submap remember. Raises GarbiError where the file is missing or damaged."""
     table = read_parquet(path)
-    cells = np.zeros(len(table["cell"]), CELL)
-    for name in CELL.names or ():
-        cells[name] = table[name]
-    grid = SurfaceGrid(settings)
-    changes = (np.diff(table["tile_a"]) != 0) | (np.diff(table["tile_b"]) != 0)
-    cuts = np.flatnonzero(changes) + 1
-    for rows in np.split(np.arange(len(cells)), cuts) if len(cells) else []:
-        tile = np.zeros(TILE * TILE, CELL)
-        tile[table["cell"][rows]] = cells[rows]
-        grid.put((int(table["tile_a"][rows[0]]), int(table["tile_b"][rows[0]])), tile.reshape(TILE, TILE))
-    return grid
+    memory = np.empty(len(table["cell"]), CELL)
+    for begin in range(0, len(memory), _AT_ONCE):
+        rows = slice(begin, begin + _AT_ONCE)
+        for name in CELL.names or ():
+            memory[name][rows] = table[name][rows]
+    tile = np.column_stack([table["tile_a"], table["tile_b"]])
+    begins = np.flatnonzero(np.r_[True, (np.diff(tile, axis=0) != 0).any(axis=1)])
+    return FusedCells(tile[begins], np.diff(np.r_[begins, len(tile)]), table["cell"], memory)
 
 
 def merge_memories(memories: Iterable[tuple[Path, Tiles]], settings: SeabedSettings) -> SurfaceGrid:
@@ -74,5 +76,5 @@ def merge_memories(memories: Iterable[tuple[Path, Tiles]], settings: SeabedSetti
     tiles = {(a, b) for _, own in memories for a, b, _ in own}
     grid = SurfaceGrid(settings, coarseness(tiles, settings), len(tiles))
     for path, _ in memories:
-        grid.merge(read_memory(path, settings))
+        grid.take(read_memory(path))
     return grid
