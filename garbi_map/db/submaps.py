@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from garbi_map.aside import written_aside
 from garbi_map.errors import GarbiError
-from garbi_map.seabed import JudgedPoints, Points
+from garbi_map.seabed import JudgedPoints, Points, SweptPoints
 
 Floats = NDArray[np.float64]
 
@@ -112,7 +112,7 @@ class Submap:
 
     def sweeps(self, pose: Pose) -> Iterator[JudgedPoints]:
         """The points of each sweep, in `map`."""
-        placed, slope = _laid(*self.points.T, *self.gradient.T, 1.0, pose)
+        placed, slope = _laid(tuple(self.points.T), tuple(self.gradient.T), 1.0, pose)
         cuts = np.flatnonzero(np.diff(self.sweep)) + 1
         for begin, end in zip(np.r_[0, cuts], np.r_[cuts, len(self.sweep)], strict=True):
             rows = slice(begin, end)
@@ -220,29 +220,29 @@ def read_submap(path: Path) -> Submap:
     )
 
 
-def read_fusible(path: Path, pose: Pose) -> tuple[NDArray[Any], ...]:
-    """What `fuse` wants of a submap, in `map`. Raises GarbiError where the file is missing or damaged."""
+def read_swept(path: Path, pose: Pose) -> SweptPoints:
+    """Of a submap at its pose what is fused. Raises GarbiError where the file is missing or damaged."""
     table = read_parquet(path, ["x", "y", "z", "slope_x", "slope_y", "stamp_ns", "sweep", "noise", "pose", "intensity"])
-    placed, gradient = _laid(*(table[name] for name in ("x", "y", "z", "slope_x", "slope_y")), STEP, pose)
+    placed, gradient = _laid((table["x"], table["y"], table["z"]), (table["slope_x"], table["slope_y"]), STEP, pose)
     begins = np.flatnonzero(np.diff(table["sweep"], prepend=-1))
-    sweep = np.repeat(np.arange(len(begins), dtype=np.int32), np.diff(begins, append=len(placed)))
-    seen = table["stamp_ns"][begins] * 1e-9
-    return placed, sweep, seen, gradient, table["noise"] ** 2, table["pose"], _intensity(table["intensity"])
+    return SweptPoints(
+        placed,
+        np.repeat(np.arange(len(begins), dtype=np.int32), np.diff(begins, append=len(placed))),
+        table["stamp_ns"][begins] * 1e-9,
+        gradient,
+        table["noise"] ** 2,
+        table["pose"],
+        _intensity(table["intensity"]),
+    )
 
 
 def _laid(
-    x: NDArray[Any],
-    y: NDArray[Any],
-    z: NDArray[Any],
-    slope_x: NDArray[Any],
-    slope_y: NDArray[Any],
-    step: float,
-    pose: Pose,
+    place: tuple[NDArray[Any], ...], slope: tuple[NDArray[Any], ...], step: float, pose: Pose
 ) -> tuple[Floats, NDArray[np.float32]]:
-    """Points (n, 3) and slopes (n, 2) at a pose."""
     from garbi_map.db import kernels
 
-    return kernels.lay(x, y, z, slope_x, slope_y, step, pose.rotation.as_matrix(), pose.translation)
+    placed, turned = kernels.lay(place, slope, step, pose.rotation.as_matrix(), pose.translation)
+    return placed, turned
 
 
 _REPEATED = ["camera_x", "camera_y", "camera_z", "stamp_ns", "sweep", "tile_a", "tile_b"]

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
 
-from garbi_map.db.submaps import Pose, read_fusible, read_parquet, write_parquet
+from garbi_map.db.submaps import Pose, read_parquet, read_swept, write_parquet
 from garbi_map.keys import code_key, digest_of
-from garbi_map.seabed import SeabedSettings, SurfaceGrid
+from garbi_map.seabed import FusedCells, SeabedSettings, SurfaceGrid, fuse
 from garbi_map.seabed.cells import CELL
-from garbi_map.seabed.fusion import FusedCells, fuse
 from garbi_map.seabed.surface import coarseness
 
 Tiles = tuple[tuple[int, int, int], ...]
 """Of each tile its index along x and y, and how many of its cells were hit."""
-_AT_ONCE = 1 << 13
-"""Cells that are turned from rows to columns at a time, for the processor's cache."""
 
 
 def memory_name(submap: str, pose: Pose, settings: SeabedSettings) -> str:
@@ -33,24 +30,17 @@ def fuse_submap(source: Path, pose: Pose, settings: SeabedSettings, target: Path
     """
     import pyarrow as pa
 
-    fused = fuse(*read_fusible(source, pose), settings)
-    tile_a, tile_b = np.repeat(fused.tiles, fused.counts, axis=0).T
-    columns = {name: np.empty(len(fused.cell), CELL[name]) for name in CELL.names or ()}
-    for begin in range(0, len(fused.cell), _AT_ONCE):
-        rows = slice(begin, begin + _AT_ONCE)
-        for name, column in columns.items():
-            column[rows] = fused.memory[name][rows]
-    write_parquet(
-        target,
-        pa.table(
-            {
-                "tile_a": np.ascontiguousarray(tile_a),
-                "tile_b": np.ascontiguousarray(tile_b),
-                "cell": fused.cell,
-                **columns,
-            }
-        ),
-    )
+    fused = fuse(read_swept(source, pose), settings)
+    columns = {
+        "tile_a": np.repeat(fused.tiles[:, 0], fused.counts),
+        "tile_b": np.repeat(fused.tiles[:, 1], fused.counts),
+        "cell": fused.cell,
+        **{name: np.empty(len(fused.cell), CELL[name]) for name in CELL.names or ()},
+    }
+    for rows in _pieces(len(fused.cell)):
+        for name in CELL.names or ():
+            columns[name][rows] = fused.memory[name][rows]
+    write_parquet(target, pa.table(columns))
     return tuple((a, b, count) for (a, b), count in zip(fused.tiles.tolist(), fused.counts.tolist(), strict=True))
 
 
@@ -58,8 +48,7 @@ def read_memory(path: Path) -> FusedCells:
     """What the cells of one submap remember. Raises GarbiError where the file is missing or damaged."""
     table = read_parquet(path)
     memory = np.empty(len(table["cell"]), CELL)
-    for begin in range(0, len(memory), _AT_ONCE):
-        rows = slice(begin, begin + _AT_ONCE)
+    for rows in _pieces(len(memory)):
         for name in CELL.names or ():
             memory[name][rows] = table[name][rows]
     tile = np.column_stack([table["tile_a"], table["tile_b"]])
@@ -78,3 +67,9 @@ def merge_memories(memories: Iterable[tuple[Path, Tiles]], settings: SeabedSetti
     for path, _ in memories:
         grid.take(read_memory(path))
     return grid
+
+
+def _pieces(count: int) -> Iterator[slice]:
+    """Between rows and columns so many at a time as the processor's cache holds."""
+    for begin in range(0, count, 1 << 13):
+        yield slice(begin, begin + (1 << 13))

@@ -1,6 +1,7 @@
 """The seabed: accepted points with sigma, an elevation grid with its uncertainty, a mesh."""
 
 from garbi_map.seabed.builder import SeabedBuilder, build_seabed
+from garbi_map.seabed.fusion import FusedCells, SweptPoints, fuse
 from garbi_map.seabed.holes import fill_holes
 from garbi_map.seabed.mesh import triangulate
 from garbi_map.seabed.settings import OutlierSettings, SeabedSettings, SolidSettings
@@ -10,6 +11,7 @@ from garbi_map.seabed.types import AcceptedPoints, JudgedPoints, Mesh, Points, S
 
 __all__ = [
     "AcceptedPoints",
+    "FusedCells",
     "JudgedPoints",
     "Mesh",
     "OutlierSettings",
@@ -20,8 +22,10 @@ __all__ = [
     "SolidSettings",
     "SolidSurface",
     "SurfaceGrid",
+    "SweptPoints",
     "Verdict",
     "build_seabed",
     "fill_holes",
+    "fuse",
     "triangulate",
 ]

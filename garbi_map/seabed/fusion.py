@@ -15,6 +15,28 @@ _MAX_SPAN = 1 << 13  # tiles along an axis that the points fused at once may spa
 
 
 @dataclass(frozen=True)
+class SweptPoints:
+    """Points of whole sweeps in `map`, with what their fusion needs.
+
+    placed       (n, 3) float64, m
+    sweep        (n,) int32, numbers the sweeps from 0, ascending
+    seen         (s,) float64, when each sweep began, s: what follows closely shares errors of its poses
+    gradient     (n, 2) float32, slope of the surface at a point, along x and y
+    noise        (n,) float32, variance of the elevation by the point's own error, m^2
+    pose         (n,) float32, deviation of the elevation by the error of the pose, which the sweep shares, m
+    intensity    (n,) float32, 0..255
+    """
+
+    placed: NDArray[np.float64]
+    sweep: NDArray[np.int32]
+    seen: NDArray[np.float64]
+    gradient: NDArray[np.float32]
+    noise: NDArray[np.float32]
+    pose: NDArray[np.float32]
+    intensity: NDArray[np.float32]
+
+
+@dataclass(frozen=True)
 class FusedCells:
     """The cells that were hit, in the order of their tiles and of their numbers in a tile.
 
@@ -30,25 +52,11 @@ class FusedCells:
     memory: NDArray[np.void]
 
 
-def fuse(
-    placed: NDArray[np.float64],
-    sweep: NDArray[np.int32],
-    seen: NDArray[np.float64],
-    gradient: NDArray[np.float32],
-    noise: NDArray[np.float32],
-    pose: NDArray[np.float32],
-    intensity: NDArray[np.float32],
-    settings: SeabedSettings,
-) -> FusedCells:
-    """Fuse points (n, 3) in `map` of whole sweeps, at least one point.
-
-    sweep (n,) numbers the sweeps from 0, ascending; seen (s,) s: when each began, for what follows closely shares errors of
-    its poses; gradient (n, 2): slope of the surface at a point; noise (n,) m^2: variance of its elevation by errors of its
-    own; pose (n,) m: deviation by errors that it shares with its sweep. Raises GarbiError where they are kilometres apart.
-    """
+def fuse(points: SweptPoints, settings: SeabedSettings) -> FusedCells:
+    """Fuse points, at least one, sweep by sweep. Raises GarbiError where they are kilometres apart."""
     from garbi_map.seabed import kernels
 
-    index, first, last = kernels.cells_of(placed, settings.cell)
+    index, first, last = kernels.cells_of(points.placed, settings.cell)
     span = last - first + 1
     if span.max() > _MAX_SPAN:
         raise GarbiError(
@@ -58,8 +66,8 @@ def fuse(
     hit = np.flatnonzero(np.diff(begin))
     memory = np.zeros(len(hit), CELL)
     kernels.fuse_cells(
-        order, begin, hit, index, placed, sweep, seen, gradient, noise, pose, intensity,
-        settings.sigma_floor, settings.cell, settings.pose_memory, np.zeros(1, OPEN_CELL), memory,
+        order, begin, hit, index, points.placed, points.sweep, points.seen, points.gradient, points.noise, points.pose,
+        points.intensity, settings.sigma_floor, settings.cell, settings.pose_memory, np.zeros(1, OPEN_CELL), memory,
     )  # fmt: skip
     tile, cell = np.divmod(hit, TILE * TILE)
     return FusedCells(tiles, np.bincount(tile, minlength=len(tiles)), cell.astype(np.int16), memory)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from garbi_map.errors import GarbiError
 from garbi_map.seabed.cells import CELL, TILE
-from garbi_map.seabed.fusion import FusedCells, fuse
+from garbi_map.seabed.fusion import FusedCells, SweptPoints, fuse
 from garbi_map.seabed.settings import SeabedSettings
 from garbi_map.seabed.types import JudgedPoints, Seabed
 
@@ -35,15 +35,13 @@ class SurfaceGrid:
         """Take in the accepted points of one whole sweep."""
         if len(points.points) == 0:
             return
-        self.take(
-            fuse(
-                points.points,
-                np.zeros(len(points.points), np.int32),
-                points.stamp_ns[:1] * 1e-9,
-                *(part.astype(np.float32) for part in (points.gradient, points.noise, points.pose, points.intensity)),
-                settings=self._settings,
-            )
+        swept = SweptPoints(
+            points.points,
+            np.zeros(len(points.points), np.int32),
+            np.array([points.stamp_ns[0] * 1e-9]),
+            *(part.astype(np.float32) for part in (points.gradient, points.noise, points.pose, points.intensity)),
         )
+        self.take(fuse(swept, self._settings))
 
     def take(self, fused: FusedCells) -> None:
         """Take in what the cells remember of other sweeps."""
