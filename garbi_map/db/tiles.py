@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from garbi_map.db.submaps import Pose, read_parquet, read_swept, write_parquet
 from garbi_map.keys import code_key, digest_of
@@ -31,7 +33,7 @@ def fuse_submap(source: Path, pose: Pose, settings: SeabedSettings, target: Path
     import pyarrow as pa
 
     fused = fuse(read_swept(source, pose), settings)
-    columns = {
+    columns: dict[str, NDArray[Any]] = {
         "tile_a": np.repeat(fused.tiles[:, 0], fused.counts),
         "tile_b": np.repeat(fused.tiles[:, 1], fused.counts),
         "cell": fused.cell,
