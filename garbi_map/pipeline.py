@@ -15,12 +15,13 @@ from garbi_map.dive import Dive, Map, Span, open_dive
 from garbi_map.errors import GarbiError
 from garbi_map.estimate import Estimate, estimate, estimate_apart, sweeps_of, timed, trajectory_file
 from garbi_map.executor import open_workers
-from garbi_map.export import CloudWriter, Georeference
+from garbi_map.export import POINT_BYTES, CloudWriter, Georeference
 from garbi_map.outputs import write_outputs
 from garbi_map.place import check_place, place_on_earth
 from garbi_map.progress import Progress, Show, Silent, unseen
 from garbi_map.publish import is_published, published, roll_forward
 from garbi_map.recordings import split_recordings
+from garbi_map.seabed import CELL_BYTES
 
 __all__ = ["build_map", "open_dive", "sweeps_of"]
 
@@ -142,7 +143,7 @@ def map_of(database: Database, dive: Dive, made: Estimate) -> Map:
             inside=laid(made.registered.inside, submaps),
             agreement=made.registered.agreement.moved(submaps[0].transform),
         ),
-        seabed=database.surface(dive.config.seabed).finish(),
+        seabed=database.surface(dive.config.seabed, dive.config.export.room_for(CELL_BYTES)).finish(),
         path=database.trajectory(),
         accepted=sum(known.accepted for known in database.dives),
         rejected=dict(rejected),
@@ -153,6 +154,7 @@ def map_of(database: Database, dive: Dive, made: Estimate) -> Map:
 def write_clouds(database: Database, files: Path, config: Config, reference: Georeference) -> None:
     """The points of all dives: those of the seabed, and apart from them what moved."""
     for name, parts in (("cloud.laz", database.points()), ("moving.laz", database.moving())):
-        with CloudWriter(files / name, config.export.cloud_scale, reference) as cloud:
+        at_once = config.export.room_for(POINT_BYTES)
+        with CloudWriter(files / name, config.export.cloud_scale, reference, at_once) as cloud:
             for points in parts:
                 cloud.write(points)

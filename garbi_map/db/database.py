@@ -121,9 +121,10 @@ class Database:
         for submap in self.submaps:
             yield read_moving(self.path(submap.written.moving), submap.pose)
 
-    def surface(self, settings: SeabedSettings) -> SurfaceGrid:
-        """What all dives together know of the seabed; they must have been fused."""
-        return merge_memories(((self.path(one.memory or ""), one.tiles) for one in self.submaps), settings)
+    def surface(self, settings: SeabedSettings, most: int) -> SurfaceGrid:
+        """What all dives together know of the seabed, in no more cells than `most`; they must have been fused."""
+        fewer = settings.model_copy(update={"max_cells": min(settings.max_cells, most)})
+        return merge_memories(((self.path(one.memory or ""), one.tiles) for one in self.submaps), fewer)
 
     def trajectory(self) -> Trajectory:
         """All dives' poses map <- base_link, in the order of their stamps."""

@@ -6,10 +6,11 @@ from garbi_map.seabed.holes import fill_holes
 from garbi_map.seabed.mesh import triangulate
 from garbi_map.seabed.settings import OutlierSettings, SeabedSettings, SolidSettings
 from garbi_map.seabed.solid import SolidSurface
-from garbi_map.seabed.surface import SurfaceGrid
+from garbi_map.seabed.surface import CELL_BYTES, SurfaceGrid
 from garbi_map.seabed.types import AcceptedPoints, JudgedPoints, Mesh, Points, Seabed, Verdict
 
 __all__ = [
+    "CELL_BYTES",
     "AcceptedPoints",
     "FusedCells",
     "JudgedPoints",

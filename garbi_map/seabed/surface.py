@@ -13,6 +13,8 @@ from garbi_map.seabed.fusion import FusedCells, SweptPoints, fuse
 from garbi_map.seabed.settings import SeabedSettings
 from garbi_map.seabed.types import JudgedPoints, Seabed
 
+CELL_BYTES = 150
+"""Of memory for each cell of a raster while it is made: what the cell remembers, and a few fields at a time."""
 _EDGE = 9.0  # times the usual scatter, three sigma: noise hardly does that, an edge in the cell does
 
 
