@@ -5,8 +5,12 @@ from __future__ import annotations
 import shutil
 import time
 from collections import Counter
+from contextlib import closing
 from dataclasses import replace
+from functools import partial
+from itertools import islice
 from pathlib import Path
+from typing import Any
 
 from garbi_map.aside import alone_in, remove_leftovers
 from garbi_map.config import Config
@@ -69,26 +73,30 @@ def build_map(
         check_place(database, dives[0])
 
         work = out.absolute() / ".work"
+        jobs: list[tuple[Any, ...]] = []
         if len(new) > 1 or dask is not None:
             progress.stage("dives, each by itself", len(new))
-            same = (config, rig_path, span, database.folder, work)
-            crew.run(
-                estimate_apart, [([path.absolute() for path in dive.paths], *same) for dive in new], progress.advance
-            )
-        for dive in new or dives[-1:]:
-            made = estimate(dive, database.folder, work, workers, progress, show)
-            if dive in new:
-                with timed(dive, "place in the map"):
-                    first = place_on_earth(database, dive, made).transform
-                    join_map(database, stored(dive, made), made.judged.submaps, config.database.place, first)
+            jobs = [
+                ([path.absolute() for path in dive.paths], config, rig_path, span, database.folder, work)
+                for dive in new
+            ]
+        with closing(crew.results(estimate_apart, jobs)) as apart:
+            for dive in new or dives[-1:]:
+                for _ in islice(apart, 1):  # the next joins the map while others are still estimated
+                    progress.advance()
+                made = estimate(dive, database.folder, work, workers, progress, show)
+                if dive in new:
+                    with timed(dive, "place in the map"):
+                        first = place_on_earth(database, dive, made).transform
+                        join_map(database, stored(dive, made), made.judged.submaps, config.database.place, first)
         with timed(dive, "fusion"):
             progress.stage("fusion")
             database.fuse(config.seabed, crew)
             database.remove_unnamed()
             built = map_of(database, dive, made)
         with published(database, out, config) as files:
-            write_clouds(database, files, config, built.located.reference)
-            write_outputs(files, out, dive, made.store, built, started, progress)
+            clouds = partial(write_clouds, database, files, config, built.located.reference)
+            write_outputs(files, out, dive, made.store, built, clouds, started, progress)
         shutil.rmtree(work, ignore_errors=True)
         return left_out(database, dives)
 
