@@ -13,9 +13,9 @@ from behaviours.settings import Vehicle
 from behaviours.situation import Situation
 from garbi_map.log.records import Floats
 
-PATIENCE = 5.0  # s that unseen water at the bow lasts, what it does not count against what it does
+PATIENCE = 5.0  # s for which unseen water shuts the bow in; a second in which it does not makes up for half a one
 TOUCHED = 0.05  # m from the hull, where the unseen lets it make no way
-ENOUGH = 0.7  # m of known water before the bow that end it
+ENOUGH, BACKED = 0.7, 0.4  # m of known water before the bow, and m backed off, that end it
 BACK, LEAST = 0.8, 0.15  # m astern that are looked for, and that are worth turning for
 HEADINGS = 24
 TURN, HABIT = 0.25, 0.15  # m of way astern that a radian of turning, and another heading than before, cost
@@ -30,17 +30,21 @@ class Retreat:
         self._speed = min(SPEED, vehicle.astern)
         self._blocked, self._last_ns = 0.0, 0
         self._heading: float | None = None
+        self._from: Floats = np.zeros(3)
 
     def propose(self, situation: Situation) -> tuple[float, float, str] | None:
         """Surge m/s, yaw rad/s and why in words; None where there is known water ahead, or none astern either."""
         seconds = float(np.clip((situation.now_ns - self._last_ns) * 1e-9, 0.0, 1.0))
         self._last_ns = situation.now_ns
         shut, corridor = self._shut(situation), situation.corridor
-        self._blocked = float(np.clip(self._blocked + (seconds if shut else -seconds), 0.0, PATIENCE))
-        if self._heading is not None and not shut and (corridor.length > ENOUGH or corridor.end != "unseen"):
+        self._blocked = float(np.clip(self._blocked + (seconds if shut else -0.5 * seconds), 0.0, PATIENCE))
+        backed = float(np.linalg.norm(situation.pose.position - self._from)) > BACKED
+        if self._heading is not None and backed and not shut and (corridor.length > ENOUGH or corridor.end != "unseen"):
             self._blocked, self._heading = 0.0, None
-        if self._heading is None and self._blocked < PATIENCE:
-            return None
+        if self._heading is None:
+            if self._blocked < PATIENCE:
+                return None
+            self._from = situation.pose.position
         self._heading, astern = self._way_back(situation)
         if astern < LEAST:
             self._blocked, self._heading = 0.0, None
