@@ -90,7 +90,7 @@ def test_without_truth_there_is_none(scene: Scene, tmp_path: Path) -> None:
     assert far_away is not None and far_away.surface is None
 
 
-@settings(max_examples=25)
+@settings(max_examples=25, deadline=None)  # each writes a file
 @given(
     lies=st.fixed_dictionaries(
         {},

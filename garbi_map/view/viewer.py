@@ -83,7 +83,6 @@ def viewer(file: Path | None, web: bool, port: int = WEB_PORT) -> Iterator[Viewe
     data = _any_free()  # not Rerun's own: whoever finds another viewer there hands everything over to it, and ends
     page = f"http://{_HERE}:{port}/?url={quote(_proxy(data), safe='')}" if web else None
     command = [str(viewer_binary()), "--bind", _HERE, "--port", str(data), "--hide-welcome-screen"]
-    command += ["--persist-state=false"]  # or the eye of the last map looks at this one
     command += ["--serve-web", "--web-viewer-port", str(port)] if web else []
     command += [str(file)] if file else ["--expect-data-soon"]
     with tempfile.TemporaryFile() as words, _terminated_in_order():

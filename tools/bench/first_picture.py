@@ -53,7 +53,11 @@ def screen() -> Iterator[str]:
 
 def shows_laser(client: Any) -> bool:
     """Whether the window shows something as green as the laser."""
-    picture = cv2.imdecode(np.frombuffer(client.take_screenshot(max_size=640), np.uint8), cv2.IMREAD_COLOR)
+    try:
+        shot = client.take_screenshot(max_size=640)
+    except (TimeoutError, ConnectionError):  # it is busy
+        return False
+    picture = cv2.imdecode(np.frombuffer(shot, np.uint8), cv2.IMREAD_COLOR)
     assert picture is not None
     blue, green, red = np.moveaxis(picture.astype(int), -1, 0)
     return int(((green > 90) & (green > 2 * blue) & (2 * green > 3 * red)).sum()) > LASER
