@@ -151,7 +151,7 @@ def estimate_drift(
         changes = scans.changes if settling or _PATIENCE <= k < _NEAR else None
         for fraction in fractions:
             surfels = scans.surfels(motion, sizes[k] * fraction, settings.surfel_points)
-            belief = Belief(sigmas[k], sizes[k] if k < _NEAR else None, k >= _PATIENCE, len(fractions))
+            belief = Belief(sigmas[k], sizes[k] if k < _NEAR else None, k >= _NEAR, len(fractions))
             found = matched(motion, surfels, gates[k], _REACH[k], belief, elsewhere, normals, changes)
             distance = 0.0
             if found is not None:
