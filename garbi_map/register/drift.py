@@ -44,6 +44,9 @@ _RESTRAINED = 4
 _PATIENCE = 6
 """Rounds before clocks have a say: earlier ones, of few matches and many false, would set them wrong by tens of
 milliseconds, from where matches of nearest neighbours bring them back slowly."""
+_LATE = 3
+"""Rounds more before sweeps that do not fit each other are left out where the encoder may be late, which keeps all of them
+apart until it is found."""
 _SETTLING = 4
 """Last rounds, of the finest surfels, in which what is left of the scanner's own constants is found."""
 _FINE = (1.0, 0.6)
@@ -135,6 +138,7 @@ def estimate_drift(
     gates = np.r_[np.geomspace(settings.coarse_gate, settings.gate, count - 2), [settings.gate] * 2]
     sizes = np.r_[np.linspace(settings.coarse_surfel_size, settings.surfel_size, count - 4), [settings.surfel_size] * 4]
     sigmas = np.r_[np.geomspace(settings.coarse_match_sigma, settings.match_sigma, count - 1), settings.match_sigma]
+    checked = _PATIENCE if scans.changes is None else _PATIENCE + _LATE
     restraint, patience = Calm(settings.attitude_knots / 2, 0.15, derivative=1), Patience()
 
     def linearised(k: int, normals: Normals) -> tuple[NormalEquations, int, float]:
@@ -151,7 +155,7 @@ def estimate_drift(
         changes = scans.changes if settling or _PATIENCE <= k < _NEAR else None
         for fraction in fractions:
             surfels = scans.surfels(motion, sizes[k] * fraction, settings.surfel_points)
-            belief = Belief(sigmas[k], sizes[k] if k < _NEAR else None, k >= _NEAR, len(fractions))
+            belief = Belief(sigmas[k], sizes[k] if k < _NEAR else None, k >= checked, len(fractions))
             found = matched(motion, surfels, gates[k], _REACH[k], belief, elsewhere, normals, changes)
             distance = 0.0
             if found is not None:
