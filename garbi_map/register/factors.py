@@ -25,8 +25,6 @@ _UNKNOWN_TURNING = np.deg2rad(4.0)
 """Rate, rad/s, at which a vehicle turns of which no sensor tells."""
 _UNKNOWN_SWING = np.deg2rad(6.0)
 """rad/s^2 by which that rate changes."""
-_MOMENT = 0.01
-"""s to either side, over which a rate of change is taken."""
 _SILENCE = 0.1
 """s; farther than that from its readings the gyro says nothing."""
 
@@ -54,7 +52,10 @@ def _spread(residual: Floats, least: float, most: float) -> float:
 
 
 class Acceleration:
-    """p'' = R (f - b) + g - (R l)'': the accelerometer, averaged over short bins.
+    """(1 + s) (p'' - g + (R l)'') = R (f - b): the accelerometer, averaged over short bins, with an unknown scale.
+
+    The scale stands with the motion, as in BottomTrack: on the noisy forces it would draw the whole map together, half a per
+    cent in a gentle swell.
 
     time (n,) s by the clock `imu_clock`, force (n, 3) m/s^2 in base_link axes, arm (n, 3) m/s^2: the acceleration of the
     sensor about base_link's origin, in base_link axes.
@@ -65,23 +66,29 @@ class Acceleration:
         self.sigma = 0.03
 
     def _residual(self, motion: Motion, t: Floats) -> tuple[Floats, Floats, Rotation]:
+        """(n, 3), what the motion makes of it before its scale (n, 3), and the attitude."""
         rotation = motion.rotation(t)
-        scale = 1.0 + motion.constants.number("accelerometer_scale")
-        force = rotation.apply(scale * self.force - self.arm)
-        bias = rotation.apply(motion.constants.vector("accelerometer_bias"))
-        return motion.position(t, 2) - (force - bias + GRAVITY), force, rotation
+        made = motion.position(t, 2) - GRAVITY + rotation.apply(self.arm)
+        felt = rotation.apply(self.force - motion.constants.vector("accelerometer_bias"))
+        return self._gain(motion) * made - felt, made, rotation
+
+    def _gain(self, motion: Motion) -> float:
+        return 1.0 + motion.constants.number("accelerometer_scale")
 
     def add(self, problem: NormalEquations, motion: Motion) -> None:
         t = self.time - motion.constants.number("imu_clock")
-        residual, force, rotation = self._residual(motion, t)
-        matrix, jerk = rotation.as_matrix(), motion.position(t, 3)
+        residual, made, rotation = self._residual(motion, t)
+        gain = self._gain(motion)
+        matrix = rotation.as_matrix()
+        force = rotation.apply(self.force - gain * self.arm)
+        advance = motion.advance(t, 2) if "imu_clock" in motion.constants else np.zeros_like(residual)
         for axis in range(3):
             unit = np.broadcast_to(_AXES[axis], (len(t), 3))
-            rows = motion.rows(t).position(unit, 2)
+            rows = motion.rows(t).position(gain * unit, 2)
             # force and prior attitude share their clock: a change of it moves neither against the other
-            rows.correction(np.cross(unit, force)).constant("imu_clock", -jerk[:, axis])
+            rows.correction(np.cross(unit, force)).constant("imu_clock", -gain * advance[:, axis])
             rows.constant("accelerometer_bias", matrix[:, axis])
-            rows.constant("accelerometer_scale", -force[:, axis])
+            rows.constant("accelerometer_scale", made[:, axis])
             problem.add(residual[:, axis], self.sigma, rows.runs, 4.0, rows.tail)
 
     def reestimate(self, motion: Motion) -> None:
@@ -169,7 +176,7 @@ class Height:
         rows = motion.rows(t).position(unit).rotation(np.cross(arm, unit))
         if "pressure_clock" in motion.constants:
             swing = motion.rotation(t).apply(np.cross(motion.rate(t), self.lever))
-            rows.constant("pressure_clock", -(motion.position(t, 1) + swing)[:, 2])
+            rows.constant("pressure_clock", -(motion.advance(t) + swing)[:, 2])
         problem.add(residual, self.sigma, rows.runs, 3.0, rows.tail)
 
     def reestimate(self, motion: Motion) -> None:
@@ -202,9 +209,11 @@ class BottomTrack:
         t = self.time - motion.constants.number("dvl_clock")
         predicted = self._predicted(motion, t)
         residual = self._residual(motion, predicted)
-        change = np.zeros_like(predicted)
+        change = turning = np.zeros_like(predicted)
         if "dvl_clock" in motion.constants:
-            change = (self._predicted(motion, t + _MOMENT) - self._predicted(motion, t - _MOMENT)) / (2.0 * _MOMENT)
+            to_body, velocity = motion.rotation(t).inv(), motion.position(t, 1)
+            turning = np.cross(motion.rate_change(t), self.lever)
+            change = to_body.apply(motion.advance(t, 1)) - np.cross(motion.rate(t), to_body.apply(velocity)) + turning
         matrix, velocity = motion.rotation(t).as_matrix(), motion.position(t, 1)
         gain = 1.0 + motion.constants.number("dvl_scale")
         for axis in range(3):
@@ -213,6 +222,7 @@ class BottomTrack:
             rows = motion.rows(t).position(-gain * unit, 1)
             rows.rotation(gain * np.cross(velocity, unit)).correction(-gain * swing, 1)
             rows.constant("dvl_scale", -predicted[:, axis]).constant("dvl_clock", gain * change[:, axis])
+            rows.constant("imu_clock", -gain * turning[:, axis])
             problem.add(residual[:, axis], self.sigma, rows.runs, 3.0, rows.tail)
 
     def reestimate(self, motion: Motion) -> None:
