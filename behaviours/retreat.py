@@ -38,8 +38,9 @@ class Retreat:
         self._last_ns = situation.now_ns
         shut, corridor = self._shut(situation), situation.corridor
         self._blocked = float(np.clip(self._blocked + (seconds if shut else -0.5 * seconds), 0.0, PATIENCE))
-        backed = float(np.linalg.norm(situation.pose.position - self._from)) > BACKED
-        if self._heading is not None and backed and not shut and (corridor.length > ENOUGH or corridor.end != "unseen"):
+        backed = float(np.linalg.norm(situation.pose.position - self._from))
+        shows = not shut and (corridor.length > ENOUGH or corridor.end != "unseen")
+        if self._heading is not None and (backed > BACK or (backed > BACKED and shows)):
             self._blocked, self._heading = 0.0, None
         if self._heading is None:
             if self._blocked < PATIENCE:
@@ -53,6 +54,8 @@ class Retreat:
         words = (
             f"carried into unseen water: {astern:.1f} m are known astern at heading {np.degrees(self._heading):.0f} deg"
         )
+        if abs(off) > ALIGNED:  # what it is carried while it turns does not count
+            self._from = situation.pose.position
         surge = -self._speed if abs(off) < ALIGNED else 0.0
         return surge, float(np.clip(0.8 * off, -RATE, RATE)), words
 
@@ -66,7 +69,8 @@ class Retreat:
     def _way_back(self, situation: Situation) -> tuple[float, float]:
         """The heading, rad, with the longest known way astern for the turning it takes; and that way, m."""
         headings = 2 * np.pi * np.arange(HEADINGS) / HEADINGS
-        known = np.array([situation.space.known_astern(situation.pose, heading, BACK) for heading in headings])
+        space, pose, drift = situation.space, situation.pose, situation.current / self._speed
+        known = np.array([space.known_astern(pose, heading, BACK, drift) for heading in headings])
         worth = known - TURN * np.abs(_angle(headings - situation.pose.heading))
         if self._heading is not None:
             worth -= HABIT * (np.abs(_angle(headings - self._heading)) > 0.01)

@@ -257,12 +257,13 @@ class Space:
         names = {kernels.FREE: "nothing", kernels.OCCUPIED: "obstacle", kernels.UNKNOWN: "unseen"}
         return Corridor(float(length), min(float(age) * 1e-3, 1e6), names[int(end)])
 
-    def known_astern(self, pose: Pose, heading: float, reach: float) -> float:
-        """m, `reach` at most, that the hull could go straight back from here, level, at that heading (rad), in water that
-        was seen free."""
+    def known_astern(self, pose: Pose, heading: float, reach: float, drift: Floats) -> float:
+        """m, `reach` at most, that the hull could go back from here, level, at that heading (rad), in water that was seen
+        free; drift: (2,) m, odom, that water carries it for each metre of that way."""
         back = Rotation.from_euler("z", heading + np.pi).as_matrix()
+        aside = float(np.clip(back[:2, 1] @ drift, -1.0, 1.0))
         length, _, _ = kernels.ahead(
-            pose.position, back, self.half, 0.0, 0.0, 1.0, reach, self.voxel, self.low, self.shape,
+            pose.position, back, self.half, aside, aside, 1.0, reach, self.voxel, self.low, self.shape,
             self.settings.hits, self.assumed_free_above, self.milliseconds(pose.stamp_ns), self.layers,
         )  # fmt: skip
         return float(length)

@@ -55,10 +55,11 @@ class Travel:
             down = self._command(pose, 0.0, 0.0, float(goal[2]))
             return self._say(down, f"goal at {left:.1f} m; nothing returns at this height: down to the goal's")
         back = self._retreat.propose(situation)
-        if back is not None:
+        watched = self._watch(situation, plan.surge, plan.yaw)
+        if back is not None and not watched[2]:  # what may come nearer is looked for first
             surge, yaw, why = back
             return self._say(self._command(pose, surge, yaw, float(pose.position[2])), f"goal at {left:.1f} m; {why}")
-        surge, yaw, why = self._watch(situation, plan.surge, plan.yaw)
+        surge, yaw, why = watched
         return self._say(self._command(pose, surge, yaw, plan.height), words + why)
 
     def _too_high(self, situation: Situation, goal: float) -> bool:

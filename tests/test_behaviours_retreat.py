@@ -34,8 +34,15 @@ def carried_abeam() -> Space:
 def test_known_water_astern_is_that_which_the_hull_came_through() -> None:
     """Heading east there is none; heading south the way that it was carried lies astern."""
     volume, at = carried_abeam(), pose(3.0, (0.0, -3.0, 0.0))
-    assert volume.known_astern(at, 0.0, 0.8) < 0.15
-    assert volume.known_astern(at, -np.pi / 2, 0.8) == pytest.approx(0.8, abs=0.11)
+    assert volume.known_astern(at, 0.0, 0.8, STILL) < 0.15
+    assert volume.known_astern(at, -np.pi / 2, 0.8, STILL) == pytest.approx(0.8, abs=0.11)
+
+
+def test_a_current_abeam_shortens_what_is_known_astern() -> None:
+    """It would carry the hull out of the water that it came through before it has backed off."""
+    at = pose(3.0, (0.0, -3.0, 0.0))
+    for aside in (0.6, -0.6):
+        assert carried_abeam().known_astern(at, -np.pi / 2, 0.8, np.array([aside, 0.0])) < 0.6
 
 
 def test_carried_into_the_unseen_it_turns_its_stern_to_the_way_it_came_and_backs_off() -> None:

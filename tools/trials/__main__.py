@@ -11,7 +11,7 @@ from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 
-from tools.trials.avoidance import Outcome, fly, save
+from tools.trials.avoidance import LONGEST, VEHICLES, Outcome, fly, save
 from tools.trials.few import FEW, few
 from tools.trials.jobs import avoid
 from tools.trials.sources import fingerprint
@@ -26,6 +26,7 @@ def main() -> int:
     parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--controllers", nargs="+", default=list(CONTROLLERS), choices=CONTROLLERS)
     parser.add_argument("--level", choices=["profiles", "images"], default="profiles")
+    parser.add_argument("--vehicle", choices=list(VEHICLES), default="garbi")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--log", type=int, help="fly this seed with the first controller and write trial_SEED.mcap")
     parser.add_argument("-o", "--output", type=Path, help="folder of the results (hold, survey: JSON file)")
@@ -36,7 +37,7 @@ def main() -> int:
     folder = arguments.output or Path.cwd()
     folder.mkdir(parents=True, exist_ok=True)
     if arguments.log is not None:
-        flight = fly(arguments.log, arguments.controllers[0], arguments.level)
+        flight = fly(arguments.log, arguments.controllers[0], arguments.level, LONGEST, arguments.vehicle)
         save(flight, folder / f"trial_{arguments.log}.mcap")
         print(told(flight.outcome))
         return 0
@@ -45,13 +46,13 @@ def main() -> int:
 
 def _many(arguments: argparse.Namespace, folder: Path) -> int:
     """All that the folder does not hold yet, flown with these very sources."""
-    kept = folder / "avoidance.csv"
+    kept = folder / ("avoidance.csv" if arguments.vehicle == "garbi" else f"avoidance_{arguments.vehicle}.csv")
     done = (
         {(one.seed, one.controller) for one in read(kept) if one.sources == fingerprint()} if kept.exists() else set()
     )
     seeds = range(arguments.first, arguments.first + arguments.seeds)
     jobs = [
-        (seed, controller, arguments.level)
+        (seed, controller, arguments.level, arguments.vehicle)
         for seed in seeds
         for controller in arguments.controllers
         if (seed, controller) not in done
@@ -61,12 +62,12 @@ def _many(arguments: argparse.Namespace, folder: Path) -> int:
         print(told(outcome), flush=True)
     outcomes = read(kept)
     print(table(outcomes))
-    (folder / "avoidance.md").write_text(table(outcomes) + "\n")
-    draw(outcomes, folder / "avoidance.svg")
+    kept.with_suffix(".md").write_text(table(outcomes) + "\n")
+    draw(outcomes, kept.with_suffix(".svg"))
     return 0
 
 
-def _outcomes(jobs: list[tuple[int, str, str]], workers: int) -> Iterator[Outcome]:
+def _outcomes(jobs: list[tuple[int, str, str, str]], workers: int) -> Iterator[Outcome]:
     with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
         yield from pool.map(avoid, jobs)
 

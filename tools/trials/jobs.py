@@ -6,7 +6,7 @@ from typing import Any
 
 from tools.trials.agreement import Agreed
 from tools.trials.agreement import run as agreement
-from tools.trials.avoidance import Outcome, run
+from tools.trials.avoidance import LONGEST, Outcome, fly
 from tools.trials.moving import Found
 from tools.trials.moving import run as moving
 from tools.trials.stabilisation import Held
@@ -17,9 +17,10 @@ from tools.trials.wandering import Wandered
 from tools.trials.wandering import run as wandering
 
 
-def avoid(job: tuple[int, Any, Any]) -> Outcome:
-    """(seed, controller, level)"""
-    return run(*job)
+def avoid(job: tuple[int, Any, Any, Any]) -> Outcome:
+    """(seed, controller, level, vehicle)"""
+    seed, controller, level, vehicle = job
+    return fly(seed, controller, level, LONGEST, vehicle).outcome
 
 
 def stay(job: tuple[int, Any, Any]) -> Held:
