@@ -232,13 +232,14 @@ def kill_often(context: ForkServerContext, folder: Path, camera: Path, kills: in
             child.start()
             while not out.exists() or out.stat().st_size < 1000:
                 time.sleep(0.005)
+            begun = time.time_ns()
             time.sleep(rng.uniform(0.3, 6.0))
             assert child.pid is not None
             os.kill(child.pid, signal.SIGKILL)
             killed = time.time_ns()
             child.join()
             try:
-                lost.append((killed - oldest_end(out)) * 1e-9)
+                lost.append((killed - oldest_end(out, begun)) * 1e-9)
             except Exception as error:
                 unreadable += 1
                 print(f"kill {number}: {type(error).__name__}: {error}", file=sys.stderr)
@@ -246,13 +247,14 @@ def kill_often(context: ForkServerContext, folder: Path, camera: Path, kills: in
     return Kills(kills, unreadable, statistics.median(lost), max(lost), sum(one > 1.0 for one in lost))
 
 
-def oldest_end(path: Path) -> int:
-    """Of images, encoder and IMU the newest message each; the oldest of these, arrival, ns."""
+def oldest_end(path: Path, begun: int) -> int:
+    """Of images, encoder and IMU the newest message each; the oldest of these, arrival, ns; of what has none, the time at
+    which the log was begun."""
     log = open_log([path])
     navigation = log.navigation()
-    assert navigation.encoder is not None and navigation.imu is not None
-    image = max(image.arrival_ns for image in log.images())
-    return min(image, int(navigation.encoder.arrival_ns.max()), int(navigation.imu.arrival_ns.max()))
+    image = max((image.arrival_ns for image in log.images()), default=begun)
+    sensors = [record for record in (navigation.encoder, navigation.imu) if record is not None]
+    return min([image, *(int(one.arrival_ns.max()) for one in sensors), *([] if len(sensors) == 2 else [begun])])
 
 
 def table(loads: list[Load], kills: Kills, fuzzed: Fuzzed, before: tuple[float, ...], after: tuple[float, ...]) -> str:
