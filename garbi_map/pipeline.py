@@ -7,7 +7,6 @@ import time
 from collections import Counter
 from contextlib import closing
 from dataclasses import replace
-from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -80,23 +79,28 @@ def build_map(
                 ([path.absolute() for path in dive.paths], config, rig_path, span, database.folder, work)
                 for dive in new
             ]
+
+        def lay(dive: Dive) -> Estimate:
+            for _ in islice(apart, 1):  # it joins the map while others are still estimated
+                progress.advance()
+            made = estimate(dive, database.folder, work, workers, progress, show)
+            if dive in new:
+                with timed(dive, "place in the map"):
+                    first = place_on_earth(database, dive, made).transform
+                    join_map(database, stored(dive, made), made.judged.submaps, config.database.place, first)
+            return made
+
         with closing(crew.results(estimate_apart, jobs)) as apart:
             for dive in new or dives[-1:]:
-                for _ in islice(apart, 1):  # the next joins the map while others are still estimated
-                    progress.advance()
-                made = estimate(dive, database.folder, work, workers, progress, show)
-                if dive in new:
-                    with timed(dive, "place in the map"):
-                        first = place_on_earth(database, dive, made).transform
-                        join_map(database, stored(dive, made), made.judged.submaps, config.database.place, first)
+                made = lay(dive)
         with timed(dive, "fusion"):
             progress.stage("fusion")
             database.fuse(config.seabed, crew)
             database.remove_unnamed()
             built = map_of(database, dive, made)
         with published(database, out, config) as files:
-            clouds = partial(write_clouds, database, files, config, built.located.reference)
-            write_outputs(files, out, dive, made.store, built, clouds, started, progress)
+            write_clouds(database, files, config, built.located.reference)
+            write_outputs(files, out, dive, made.store, built, started, progress)
         shutil.rmtree(work, ignore_errors=True)
         return left_out(database, dives)
 

@@ -57,5 +57,5 @@ class ExportSettings(Settings):
         return None if self.origin is None else Origin.parse(self.origin)
 
     def room_for(self, size: int) -> int:
-        """How many things of so many bytes fit into half of the memory beside the program: two files are made at a time."""
+        """How many things of so many bytes fit into the memory, beside the program and as much again of other things."""
         return int((1e9 * self.memory - _PROGRAM) / 2 / size)
