@@ -16,7 +16,8 @@ class Verdict(IntEnum):
     INVALID = 1  # not finite, without a sigma, or kilometres away
     UNCERTAIN = 2  # its sigma is beyond the limit
     ISOLATED = 3  # nothing else near: marine snow
-    SEEN_THROUGH = 4  # nearly all profiles that passed there saw something else: snow, fish, reflections
+    SEEN_THROUGH = 4  # nearly all profiles that passed there, or by other parts of the same body, saw something else,
+    # or it floats and nobody saw it again: snow, fish, reflections
     OFF_SURFACE = 5  # beside a surface, farther than its sigma allows, and alone there
 
     @property
