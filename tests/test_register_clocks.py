@@ -133,7 +133,7 @@ def told(value: float, sigma: float) -> dict[str, Learnt]:
 
 
 def test_only_what_is_sure_and_matters_is_applied():
-    """Eight sigmas and half a millisecond; a dive that does not tell says so; what is applied stays."""
+    """Five sigmas and half a millisecond; a dive that does not tell says so; what is applied stays."""
     assert judged(told(0.02, 1e-3), {})[0].state == "applied"
     assert judged(told(0.004, 1e-3), {})[0].state == "kept"
     assert judged(told(2e-4, 1e-6), {})[0].state == "kept"

@@ -25,7 +25,7 @@ from garbi_map.register.factors import (
     Position,
 )
 from garbi_map.register.motion import Motion, PriorAttitude
-from garbi_map.register.normal_equations import RUN
+from garbi_map.register.normal_equations import RUN, NormalEquations
 from garbi_map.register.sensors import noise_density
 from garbi_map.register.surfels import Surfels, match_surfels
 
@@ -90,6 +90,15 @@ def some_motion(theta: float, constants: float = 0.0, declared: list[Constant] =
     return motion
 
 
+def smooth_motion(theta: float, constants: float, declared: list[Constant]) -> Motion:
+    """The same on a path that its spline can follow: a sway of six seconds."""
+    motion = some_motion(theta, constants, declared)
+    t = np.linspace(0.0, END, 200)
+    path = np.stack([0.3 * np.sin(1.1 * t), 0.2 * np.cos(0.9 * t), 0.1 * np.sin(t + 1)], axis=1)
+    motion.fit(t, path, motion.rotation(t))
+    return motion
+
+
 def by_differences(motion: Motion, residual: Callable[[], np.ndarray], h: float = 1e-6) -> np.ndarray:
     """d residual / d unknown, (n, size), by central differences."""
     columns = []
@@ -146,14 +155,54 @@ def test_the_derivatives_of_a_factor_hold_to_first_order_in_the_correction(name)
     assert rows_of(factor, motion).matrix == pytest.approx(expected, abs=0.03 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("name", ["acceleration", "height", "bottom track"])
-def test_the_derivatives_by_the_clocks_are_rates_of_change(name):
-    """What a sensor says of the motion a moment earlier or later, to a few per cent of its largest change."""
-    factor, motion = FACTORS[name](), some_motion(0.003, 0.003, CLOCKS)
+@pytest.mark.parametrize(("name", "share"), [("acceleration", 0.35), ("height", 0.05), ("bottom track", 0.05)])
+def test_the_derivatives_by_the_clocks_are_rates_of_change(name, share):
+    """What a sensor says of the motion a moment earlier or later, to a few per cent of its largest change; of an
+    acceleration the spline's own change is a step at every knot."""
+    factor, motion = FACTORS[name](), smooth_motion(0.003, 0.003, CLOCKS)
     columns = motion.constants_columns
     expected = by_differences(motion, lambda: rows_of(factor, motion).residual, h=1e-5)[:, columns]
     assert np.abs(expected).max() > 0.01
-    assert rows_of(factor, motion).matrix[:, columns] == pytest.approx(expected, abs=0.05 * np.abs(expected).max())
+    assert rows_of(factor, motion).matrix[:, columns] == pytest.approx(expected, abs=share * np.abs(expected).max())
+
+
+def test_a_motion_advances_as_its_path_does():
+    """Velocity, acceleration and jerk of the path itself, away from its ends."""
+    motion, t = smooth_motion(0.0, 0.0, CLOCKS), np.linspace(0.8, END - 0.8, 50)
+    size, rate, phase = np.array([0.3, 0.2, 0.1]), np.array([1.1, 0.9, 1.0]), np.array([0.0, np.pi / 2, 1.0])
+    for derivative in range(3):
+        order = derivative + 1
+        path = size * rate**order * np.sin(rate * t[:, None] + phase + order * np.pi / 2)
+        assert motion.advance(t, derivative) == pytest.approx(path, abs=0.03 * np.abs(path).max())
+
+
+def told_exactly(motion: Motion) -> list[Factor]:
+    """An accelerometer, a pressure sensor and a DVL that say what the motion is, to a thousandth."""
+    to_body, lever = motion.rotation(TIMES).inv(), np.array([-0.4, 0.2, -0.1])
+    force = to_body.apply(motion.position(TIMES, 2) - GRAVITY)
+    track = to_body.apply(motion.position(TIMES, 1)) + np.cross(motion.rate(TIMES), lever)
+    height = (motion.position(TIMES) + motion.rotation(TIMES).apply(lever))[:, 2]
+    factors: list[Factor] = [
+        Acceleration(TIMES, force, np.zeros_like(force)), Height(TIMES, height, lever), BottomTrack(TIMES, track, lever)
+    ]  # fmt: skip
+    for factor in factors:
+        factor.sigma = 1e-3
+    return factors
+
+
+@pytest.mark.parametrize(("path", "least"), [(some_motion, 0.1), (smooth_motion, 0.7)])
+def test_the_sensors_alone_do_not_tell_a_shift_of_all_clocks(path, least):
+    """Only the camera's own sweeps can, however the path trembles; by how much two sensors differ, they tell."""
+    motion = path(0.0, 0.0, [*BIASES, *CLOCKS])
+    problem = NormalEquations(motion.size)
+    start = Gauge((0, 1), motion.position(np.zeros(1))[0])
+    barely = Calm(0.1, 1e4, derivative=2)
+    for factor in (*told_exactly(motion), AttitudeCorrection(np.full(3, 0.01), 1.0, TIMES), Nominal(), start, barely):
+        factor.add(problem, motion)
+    covariance = problem.covariance(motion.constants_columns)[-3:, -3:]
+    together, differing = np.ones(3) / 3, np.array([1.0, -1.0, 0.0])
+    assert np.sqrt(together @ covariance @ together) > 0.95 * CLOCKS[0].sigma / np.sqrt(3)
+    assert np.sqrt(differing @ covariance @ differing) < least * CLOCKS[0].sigma
 
 
 def placed_surfels(motion: Motion) -> tuple[np.ndarray, np.ndarray, Callable[[], np.ndarray], Callable[[], np.ndarray]]:

@@ -25,8 +25,6 @@ _UNKNOWN_TURNING = np.deg2rad(4.0)
 """Rate, rad/s, at which a vehicle turns of which no sensor tells."""
 _UNKNOWN_SWING = np.deg2rad(6.0)
 """rad/s^2 by which that rate changes."""
-_MOMENT = 0.01
-"""s to either side, over which a rate of change is taken."""
 _SILENCE = 0.1
 """s; farther than that from its readings the gyro says nothing."""
 
@@ -74,12 +72,13 @@ class Acceleration:
     def add(self, problem: NormalEquations, motion: Motion) -> None:
         t = self.time - motion.constants.number("imu_clock")
         residual, force, rotation = self._residual(motion, t)
-        matrix, jerk = rotation.as_matrix(), motion.position(t, 3)
+        matrix = rotation.as_matrix()
+        advance = motion.advance(t, 2) if "imu_clock" in motion.constants else np.zeros_like(residual)
         for axis in range(3):
             unit = np.broadcast_to(_AXES[axis], (len(t), 3))
             rows = motion.rows(t).position(unit, 2)
             # force and prior attitude share their clock: a change of it moves neither against the other
-            rows.correction(np.cross(unit, force)).constant("imu_clock", -jerk[:, axis])
+            rows.correction(np.cross(unit, force)).constant("imu_clock", -advance[:, axis])
             rows.constant("accelerometer_bias", matrix[:, axis])
             rows.constant("accelerometer_scale", -force[:, axis])
             problem.add(residual[:, axis], self.sigma, rows.runs, 4.0, rows.tail)
@@ -169,7 +168,7 @@ class Height:
         rows = motion.rows(t).position(unit).rotation(np.cross(arm, unit))
         if "pressure_clock" in motion.constants:
             swing = motion.rotation(t).apply(np.cross(motion.rate(t), self.lever))
-            rows.constant("pressure_clock", -(motion.position(t, 1) + swing)[:, 2])
+            rows.constant("pressure_clock", -(motion.advance(t) + swing)[:, 2])
         problem.add(residual, self.sigma, rows.runs, 3.0, rows.tail)
 
     def reestimate(self, motion: Motion) -> None:
@@ -202,9 +201,11 @@ class BottomTrack:
         t = self.time - motion.constants.number("dvl_clock")
         predicted = self._predicted(motion, t)
         residual = self._residual(motion, predicted)
-        change = np.zeros_like(predicted)
+        change = turning = np.zeros_like(predicted)
         if "dvl_clock" in motion.constants:
-            change = (self._predicted(motion, t + _MOMENT) - self._predicted(motion, t - _MOMENT)) / (2.0 * _MOMENT)
+            to_body, velocity = motion.rotation(t).inv(), motion.position(t, 1)
+            turning = np.cross(motion.rate_change(t), self.lever)
+            change = to_body.apply(motion.advance(t, 1)) - np.cross(motion.rate(t), to_body.apply(velocity)) + turning
         matrix, velocity = motion.rotation(t).as_matrix(), motion.position(t, 1)
         gain = 1.0 + motion.constants.number("dvl_scale")
         for axis in range(3):
@@ -213,6 +214,7 @@ class BottomTrack:
             rows = motion.rows(t).position(-gain * unit, 1)
             rows.rotation(gain * np.cross(velocity, unit)).correction(-gain * swing, 1)
             rows.constant("dvl_scale", -predicted[:, axis]).constant("dvl_clock", gain * change[:, axis])
+            rows.constant("imu_clock", -gain * turning[:, axis])
             problem.add(residual[:, axis], self.sigma, rows.runs, 3.0, rows.tail)
 
     def reestimate(self, motion: Motion) -> None:

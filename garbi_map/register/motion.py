@@ -80,6 +80,7 @@ class Motion:
         self.position_control = np.zeros((self.position_spline.size, 3))
         self.attitude_control = np.zeros((self.attitude_spline.size, 3))
         self.constants = Constants(constants)
+        self._advance: Floats | None = None
 
     @property
     def attitude_offset(self) -> int:
@@ -109,6 +110,17 @@ class Motion:
         """Position (n, 3) m, velocity, acceleration or jerk at t (n,)."""
         return self.position_spline.value(self.position_control, t, derivative)
 
+    def advance(self, t: Floats, derivative: int = 0) -> Floats:
+        """How position (n, 3), velocity or acceleration at t (n,) change per second by which all of the motion is earlier.
+
+        Not the next derivative of the position, but the change of its control points that comes nearest to one: a shift of
+        all clocks that the spline could not follow would seem to be told by the sensors alone, to half a millisecond.
+        """
+        if self._advance is None:
+            knots = self.instants(self.position_spline.spacing / 4)
+            self._advance = _fitted(self.position_spline, knots, self.position(knots, 1))
+        return self.position_spline.value(self._advance, t, derivative)
+
     def correction(self, t: Floats, derivative: int = 0) -> Floats:
         """theta (n, 3) rad, or its rate, at t (n,)."""
         return self.attitude_spline.value(self.attitude_control, t, derivative)
@@ -126,6 +138,11 @@ class Motion:
         prior = self.prior.rate(t + self.constants.number("imu_clock"))
         return prior + self.rotation(t).inv().apply(self.correction(t, 1))
 
+    def rate_change(self, t: Floats) -> Floats:
+        """How the prior's rates (n, 3) change at t (n,), rad/s^2, base_link axes."""
+        t = t + self.constants.number("imu_clock")
+        return (self.prior.rate(t + _RATE_STEP) - self.prior.rate(t - _RATE_STEP)) / (2.0 * _RATE_STEP)
+
     def rows(self, t: Floats) -> Rows:
         """Rows of the problem about the motion at t (n,), which do not depend on anything yet."""
         return Rows(self, t)
@@ -135,6 +152,7 @@ class Motion:
         self.position_control += x[: self.attitude_offset].reshape(-1, 3)
         self.attitude_control += x[self.attitude_offset : self.constants_offset].reshape(-1, 3)
         self.constants.value += x[self.constants_offset :]
+        self._advance = None
 
     def fit(self, t: Floats, position: Floats, rotation: Rotation) -> None:
         """Takes on the motion given by position (n, 3) and rotation at t (n,), as far as the splines can follow.
@@ -142,17 +160,20 @@ class Motion:
         Control points that the times hardly touch, as those beyond the last, continue straight.
         """
         theta = (rotation * self.prior_attitude(t).inv()).as_rotvec()
-        for spline, control, value in (
-            (self.position_spline, self.position_control, position),
-            (self.attitude_spline, self.attitude_control, theta),
-        ):
-            first, weights = spline.basis(t)
-            rows = np.repeat(np.arange(len(t)), 4)
-            columns = (first[:, None] + np.arange(4)).ravel()
-            basis = csr_array((weights.ravel(), (rows, columns)), shape=(len(t), spline.size))
-            bend = diags_array([1.0, -2.0, 1.0], offsets=[0, 1, 2], shape=(spline.size - 2, spline.size))
-            normal = (basis.T @ basis + 1e-6 * bend.T @ bend + 1e-12 * eye_array(spline.size)).tocsc()
-            control[:] = spsolve(normal, basis.T @ value).reshape(control.shape)
+        self.position_control[:] = _fitted(self.position_spline, t, position)
+        self.attitude_control[:] = _fitted(self.attitude_spline, t, theta)
+        self._advance = None
+
+
+def _fitted(spline: UniformSpline, t: Floats, value: Floats) -> Floats:
+    """Control points of the spline that is nearest to value (n, 3) at t (n,)."""
+    first, weights = spline.basis(t)
+    rows = np.repeat(np.arange(len(t)), 4)
+    columns = (first[:, None] + np.arange(4)).ravel()
+    basis = csr_array((weights.ravel(), (rows, columns)), shape=(len(t), spline.size))
+    bend = diags_array([1.0, -2.0, 1.0], offsets=[0, 1, 2], shape=(spline.size - 2, spline.size))
+    normal = (basis.T @ basis + 1e-6 * bend.T @ bend + 1e-12 * eye_array(spline.size)).tocsc()
+    return np.asarray(spsolve(normal, basis.T @ value)).reshape(spline.size, 3)
 
 
 class Rows:

@@ -9,9 +9,8 @@ from typing import Literal
 from garbi_map.log.records import Navigation
 from garbi_map.register.constants import Learnt
 
-_SURE = 8.0
-"""Times its sigma that an offset must be from zero to be applied: what neighbours in time say of a vehicle that hardly
-moves is up to three times less sure than they count."""
+_SURE = 5.0
+"""Times its sigma that an offset must be from zero to be applied: a right clock is set wrong by any other."""
 _SIGNIFICANT = 3.0
 """The same for what is left of it in the end, which is small."""
 _WORTH = 5e-4
@@ -61,10 +60,10 @@ def judged(found: dict[str, Learnt], applied: dict[str, float]) -> list[Offset]:
     for name in (name for name in found if name in NAMES):
         more, sigma = float(found[name].value[0]), float(found[name].sigma[0])
         before = applied.get(name, 0.0)
-        if sigma > _SEEN * found[name].prior:
-            out.append(Offset(name, before, sigma, "applied" if before else "unseen"))
-        elif abs(more) > max(_SURE * sigma, _WORTH):
+        if abs(more) > max(_SURE * sigma, _WORTH):
             out.append(Offset(name, before + more, sigma, "applied"))
+        elif sigma > _SEEN * found[name].prior:
+            out.append(Offset(name, before, sigma, "applied" if before else "unseen"))
         else:
             out.append(Offset(name, before or more, sigma, "applied" if before else "kept"))
     return out

@@ -28,6 +28,16 @@ from garbi_map.calibrate.files import read_camera_info
 from garbi_map.calibrate.targets import parse_target
 from garbi_map.config import load_config
 from garbi_map.errors import GarbiError
+from garbi_map.importing import suggest_topics
+from garbi_map.importing.tables import (
+    encoder_of,
+    read_angles,
+    read_dvl,
+    read_imu,
+    read_mount_file,
+    read_odometry,
+    read_pressure,
+)
 from garbi_map.log import Image, chunks, open_log, salvage
 from garbi_map.log.chunks import DAMAGE
 from garbi_map.log.decode import BAD_MESSAGE, IMAGE_TYPES, decode_image, decoders
@@ -45,6 +55,7 @@ from tools.bench.fuzz_inputs import (
     configurations,
     edited,
     messages_of_every_type,
+    mounts,
     noise,
     pictures,
     plan,
@@ -52,6 +63,7 @@ from tools.bench.fuzz_inputs import (
     sensor_lines,
     small_log,
     summed,
+    tables,
     targets,
 )
 from tools.bench.recover import chunk_places
@@ -118,6 +130,11 @@ def parsers(folder: Path) -> list[Parser]:
         list(salvage.messages(found, range(100), head.begin, head.end))
         chunks.unpack_chunk(memoryview(data))
 
+    def read_suggested(data: bytes) -> None:
+        path.write_bytes(data)
+        (folder / "topics.yaml").write_text(suggest_topics(open_log([path])).to_yaml())
+        load_config(folder / "topics.yaml")
+
     def file_of(read: Callable[[Path], object]) -> Callable[[bytes], object]:
         def reading(data: bytes) -> object:
             (folder / "file.yaml").write_bytes(data)
@@ -148,6 +165,9 @@ def parsers(folder: Path) -> list[Parser]:
         Parser("configuration", file_of(load_config), (GarbiError,), configurations(), 0.03),
         Parser("recorder's lines", parse_line, (BadLine,), sensor_lines(), 0.05, summed),
         Parser("camera_info", file_of(read_camera_info), (GarbiError,), [camera_info()], 0.02),
+        Parser("topics suggested", read_suggested, (GarbiError,), logs, 0.006, lambda r: believed(r, bodies)),
+        Parser("table", file_of(_read_tables), (GarbiError,), tables(), 0.05),
+        Parser("mounts.yaml", file_of(read_mount_file), (GarbiError,), [mounts()], 0.02),
     ]
     share = (1 - sum(parser.share for parser in found)) / 9
     for by_type in decoders(types, "laser_joint", set()).values():
@@ -172,6 +192,21 @@ def parsers(folder: Path) -> list[Parser]:
         )
     )
     return found
+
+
+def _read_tables(path: Path) -> None:
+    """As whatever its heading says it is."""
+    heading = path.read_bytes().partition(b"\n")[0]
+    for name, read in (
+        (b"rate", lambda one: read_imu(one, None)),
+        (b"depth", read_pressure),
+        (b"velocity", read_dvl),
+        (b"x_m", read_odometry),
+    ):
+        if name in heading:
+            read(path)
+            return
+    encoder_of(read_angles(path))
 
 
 def _viewing(read: Callable[[memoryview], object]) -> Callable[[bytes], object]:

@@ -226,6 +226,36 @@ def camera_info() -> bytes:
     )
 
 
+def tables() -> list[bytes]:
+    """Comma-separated tables of every sensor that an import reads."""
+    headings = (
+        "time_s,angle_deg,image",
+        "time_ns;angle_rad",
+        "time_s,rate_x_rad_s,rate_y_rad_s,rate_z_rad_s,acc_x_m_s2,acc_y_m_s2,acc_z_m_s2,qx,qy,qz,qw",
+        "time_s,depth_m",
+        "time_s,velocity_x_m_s,velocity_y_m_s,velocity_z_m_s",
+        "time_s\tx_m\ty_m\tz_m\troll_deg\tpitch_deg\tyaw_deg",
+    )
+    found = []
+    for heading in headings:
+        mark = next(mark for mark in ",;\t" if mark in heading)
+        rows = [heading]
+        for row in range(1, 6):
+            cells = [str(row), *(["0", "0", "1", "0", "0", "0", "1", "0", "0", "1"][: heading.count(mark)])]
+            if "qw" in heading:
+                cells[-4:] = ["0", "0", "0", "1"]
+            if "image" in heading:
+                cells[-1] = f"{row}.png"
+            rows.append(mark.join(cells))
+        found.append("\n".join(rows).encode())
+    return found
+
+
+def mounts() -> bytes:
+    """Where an import's sensors sit."""
+    return b"rig: {xyz: [0.3, 0, -0.1]}\nimu_link:\n  xyz: [0.1, 0, 0]\n  quaternion_xyzw: [0, 0, 0, 1]\n"
+
+
 BODIES = (
     "PGRB,ENC,12.3456,0.349066",
     "PGRB,IMU,12.3,0,0,0.01,0,0,9.81,0,0,0,1",
