@@ -9,13 +9,14 @@ from dataclasses import replace
 from pathlib import Path
 
 from garbi_map.aside import alone_in, remove_leftovers
+from garbi_map.calibrate.map_uncertainty import MapSamples
 from garbi_map.config import Config
 from garbi_map.db import Database, StoredDive, join_map, laid
 from garbi_map.dive import Dive, Map, Span, open_dive
 from garbi_map.errors import GarbiError
 from garbi_map.estimate import Estimate, estimate, estimate_apart, sweeps_of, timed, trajectory_file
 from garbi_map.executor import open_workers
-from garbi_map.export import CloudWriter, Georeference
+from garbi_map.export import CloudWriter
 from garbi_map.outputs import write_outputs
 from garbi_map.place import check_place, place_on_earth
 from garbi_map.progress import Progress, Show, Silent, unseen
@@ -86,7 +87,8 @@ def build_map(
             database.remove_unnamed()
             built = map_of(database, dive, made)
         with published(database, out, config) as files:
-            write_clouds(database, files, config, built.located.reference)
+            samples = write_clouds(database, files, config, built)
+            built = with_calibration(built, samples, dive)
             write_outputs(files, out, dive, made.store, built, started, progress)
         shutil.rmtree(work, ignore_errors=True)
         return left_out(database, dives)
@@ -150,9 +152,22 @@ def map_of(database: Database, dive: Dive, made: Estimate) -> Map:
     )
 
 
-def write_clouds(database: Database, files: Path, config: Config, reference: Georeference) -> None:
-    """The points of all dives: those of the seabed, and apart from them what moved."""
-    for name, parts in (("cloud.laz", database.points()), ("moving.laz", database.moving())):
-        with CloudWriter(files / name, config.export.cloud_scale, reference) as cloud:
-            for points in parts:
-                cloud.write(points)
+def write_clouds(database: Database, files: Path, config: Config, built: Map) -> MapSamples:
+    """The points of all dives: those of the seabed, and apart from them what moved. Returns samples of the former."""
+    scale, reference = config.export.cloud_scale, built.located.reference
+    samples = MapSamples(built.seabed)
+    with CloudWriter(files / "cloud.laz", scale, reference) as cloud:
+        for points in database.points():
+            cloud.write(points)
+            samples.add(points)
+    with CloudWriter(files / "moving.laz", scale, reference) as cloud:
+        for moving in database.moving():
+            cloud.write(moving)
+    return samples
+
+
+def with_calibration(built: Map, samples: MapSamples, dive: Dive) -> Map:
+    """The map with what the calibration and the path leave open in the uncertainties of its cells."""
+    doubt = samples.uncertainty(built.path, dive.navigation.mount("rig"), dive.rig)
+    level = dive.config.export.surface_sigma if dive.navigation.pressure is not None else 0.0
+    return replace(built, seabed=doubt.carried_into(built.seabed, level), doubt=doubt)

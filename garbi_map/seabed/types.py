@@ -92,6 +92,7 @@ class Seabed:
     standard_deviation   (rows, columns) float32, spread of the points in the cell about the local slope, m
     intensity            (rows, columns) float32, mean, 0..255
     sweeps               (rows, columns) int32, sweeps that saw the cell
+    absolute             (rows, columns) float32, 1 sigma of the elevation on Earth, m; None where nobody has told it
     """
 
     origin: tuple[float, float]
@@ -102,6 +103,7 @@ class Seabed:
     standard_deviation: NDArray[np.float32]
     intensity: NDArray[np.float32]
     sweeps: NDArray[np.int32]
+    absolute: NDArray[np.float32] | None = None
 
     @property
     def known(self) -> NDArray[np.bool_]:
