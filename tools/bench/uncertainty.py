@@ -21,11 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from garbi_map.calibrate.map_uncertainty import MapSamples
 from garbi_map.config import Config
 from garbi_map.evaluate import TrueSurface
 from garbi_map.navigate import Trajectory, navigate
 from garbi_map.register import register
-from garbi_map.seabed import AcceptedPoints, Seabed, build_seabed
+from garbi_map.seabed import AcceptedPoints, JudgedPoints, Seabed, build_seabed
 from garbi_map.sweep import Sweep
 from tools.bench.dives import BenchDive, recorded, scenarios, shared_dives, simulated
 
@@ -92,23 +93,29 @@ def bench(dive: BenchDive, config: Config, poses: str = "found") -> Result:
     mount = dive.navigation.mount("rig")
     with tempfile.TemporaryDirectory() as scratch:
         store = dive.copied(Path(scratch) / "sweeps")
-        inside = dive.truth.trajectory
+        inside = path = dive.truth.trajectory
         if poses == "found":
             navigated = navigate(dive.navigation, config.navigate, store.stamps())
-            inside = register(
+            registered = register(
                 store, dive.navigation, navigated, config.registration, config.navigate, scanner=dive.scanner
-            ).inside
-        parts: list[Floats] = []
+            )
+            inside, path = registered.inside, registered.trajectory
+        judged: list[JudgedPoints] = []
 
         def posed() -> Iterator[tuple[Sweep, Trajectory]]:
             for sweep in store:
                 yield sweep, inside.at(sweep.stamp_ns).mounted(mount)
 
         def take(points: AcceptedPoints) -> None:
-            parts.append(points.points[::7])
+            assert isinstance(points, JudgedPoints)
+            judged.append(points)
 
         seabed, _ = build_seabed(posed, config.seabed, mount, take, dive.scanner.rig.eyes)
-    error, sigma = cell_errors(seabed, np.concatenate(parts), dive, inside)
+    samples = MapSamples(seabed)
+    for points in judged:
+        samples.add(points)
+    seabed = samples.uncertainty(path, mount, dive.scanner.rig).carried_into(seabed, 0.0)
+    error, sigma = cell_errors(seabed, np.concatenate([points.points[::7] for points in judged]), dive, inside)
     normalised = error / sigma
     low, high = np.percentile(normalised, [15.865, 84.135])
     counts = np.histogram(np.clip(normalised, EDGES[0] - 0.1, EDGES[-1] + 0.1), np.r_[-np.inf, EDGES, np.inf])[0]
