@@ -11,7 +11,7 @@ from pathlib import Path
 from garbi_map.aside import alone_in, remove_leftovers
 from garbi_map.calibrate.map_uncertainty import MapSamples
 from garbi_map.config import Config
-from garbi_map.db import Database, StoredDive, join_map, laid
+from garbi_map.db import Database, StoredDive, join_map, laid, lay_all
 from garbi_map.dive import Dive, Map, Span, open_dive
 from garbi_map.errors import GarbiError
 from garbi_map.estimate import Estimate, estimate, estimate_apart, sweeps_of, timed, trajectory_file
@@ -75,12 +75,16 @@ def build_map(
             crew.run(
                 estimate_apart, [([path.absolute() for path in dive.paths], *same) for dive in new], progress.advance
             )
-        for dive in new or dives[-1:]:
+
+        def lay(dive: Dive) -> tuple[Dive, Estimate]:
             made = estimate(dive, database.folder, work, workers, progress, show)
             if dive in new:
                 with timed(dive, "place in the map"):
                     first = place_on_earth(database, dive, made).transform
                     join_map(database, stored(dive, made), made.judged.submaps, config.database.place, first)
+            return dive, made
+
+        dive, made = lay_all(new or dives[-1:], lay)
         with timed(dive, "fusion"):
             progress.stage("fusion")
             database.fuse(config.seabed, crew)

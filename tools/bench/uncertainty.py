@@ -133,6 +133,22 @@ def bench(dive: BenchDive, config: Config, poses: str = "found") -> Result:
 
 def cell_errors(seabed: Seabed, cloud: Floats, dive: BenchDive, inside: Trajectory) -> tuple[Floats, Floats]:
     """Error of the elevation (k,) m of the cells that can be compared, and the sigma (k,) m that they claim."""
+    assert dive.truth.surface is not None
+    rotation, shift = onto_truth(cloud, dive, inside)
+    x, y = np.meshgrid(*seabed.centres())
+    known = seabed.known
+    cells = np.stack([x[known], y[known], seabed.elevation[known].astype(float)], axis=1)
+    places = rotation.apply(cells) + shift
+    heights, slope = _true_heights(*dive.truth.surface, places, seabed.cell)
+    good = np.isfinite(heights) & (slope < STEEPEST)
+    # truth_seabed.ply may be cropped, and the ray meets the top of what overhangs
+    good &= np.abs(places[:, 2] - heights) < 0.03
+    return (places[:, 2] - heights)[good], seabed.uncertainty[known].astype(float)[good]
+
+
+def onto_truth(cloud: Floats, dive: BenchDive, inside: Trajectory) -> tuple[Rotation, Floats]:
+    """The one rigid motion of a map, rotation and shift (3,) m, that lays its path on the true one and then its cloud (n, 3)
+    on the true surface."""
     from garbi_map.evaluate import rigid_alignment
 
     assert dive.truth.trajectory is not None and dive.truth.surface is not None
@@ -141,18 +157,9 @@ def cell_errors(seabed: Seabed, cloud: Floats, dive: BenchDive, inside: Trajecto
     made = inside.at(inside.stamp_ns[within])
     rotation, shift = rigid_alignment(made, true.at(made.stamp_ns))
     rough = rotation.apply(cloud) + shift
-    vertices, triangles = dive.truth.surface
-    fine = TrueSurface(vertices, triangles).aligned(rough)
+    fine = TrueSurface(*dive.truth.surface).aligned(rough)
     turn, _ = Rotation.align_vectors(fine - fine.mean(0), rough - rough.mean(0))
-    x, y = np.meshgrid(*seabed.centres())
-    known = seabed.known
-    cells = np.stack([x[known], y[known], seabed.elevation[known].astype(float)], axis=1)
-    places = turn.apply(rotation.apply(cells) + shift - rough.mean(0)) + fine.mean(0)
-    heights, slope = _true_heights(vertices, triangles, places, seabed.cell)
-    good = np.isfinite(heights) & (slope < STEEPEST)
-    # truth_seabed.ply may be cropped, and the ray meets the top of what overhangs
-    good &= np.abs(places[:, 2] - heights) < 0.03
-    return (places[:, 2] - heights)[good], seabed.uncertainty[known].astype(float)[good]
+    return turn * rotation, turn.apply(shift - rough.mean(0)) + fine.mean(0)
 
 
 def _true_heights(vertices: Floats, triangles: NDArray[np.int32], places: Floats, cell: float) -> tuple[Floats, Floats]:
