@@ -76,7 +76,7 @@ def _watched(path: Path, view: bool) -> Iterator[Callable[[Decision], None]]:
     from garbi_map.view.blueprint import decision_blueprint
     from garbi_map.view.live import live
 
-    with live(path.stem, decision_blueprint, DecisionSender()) as shown:
+    with live(path.stem, decision_blueprint, DecisionSender) as shown:
         yield shown.show
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +20,7 @@ from garbi_map.words import many
 
 OK, WARN, ERROR, STALE = 0, 1, 2, 3
 COMMAND, DECISIONS, VERDICT = "/behaviours/command", "/behaviours/decisions", "/behaviours/verdict"
-SAFE_SET, VOLUME, TF = "/behaviours/safe_set", "/behaviours/volume", "/tf"
+SAFE_SET, VOLUME = "/behaviours/safe_set", "/behaviours/volume"
 
 
 @dataclass(frozen=True)
@@ -94,10 +95,16 @@ class DecisionWriter:
         """What each part had to say, and who else has; see `parts`."""
         self._write_array(DECISIONS, decision.now_ns, [self._status(*part) for part in (*parts(decision), *more)])
 
-    def write_verdict(self, now_ns: int, lines: list[tuple[str, str, str]]) -> None:
-        """(expectation, what became of it: held, failed, no encounter; in words)."""
+    def write_verdict(
+        self, now_ns: int, lines: list[tuple[str, str, str]], moments: list[list[tuple[float, float, bool]]]
+    ) -> None:
+        """(expectation, what became of it: held, failed, no encounter; in words), and when each was met and when not:
+        from, to, s after the first decision."""
         levels = {"held": OK, "failed": ERROR, "no encounter": STALE}
-        statuses = [self._status(levels[state], name, words, {"verdict": state}) for name, state, words in lines]
+        statuses = []
+        for (name, state, words), own in zip(lines, moments, strict=True):
+            when = json.dumps([[round(begin, 3), round(end, 3), met] for begin, end, met in own])
+            statuses.append(self._status(levels[state], name, words, {"verdict": state, "moments": when}))
         self._write_array(VERDICT, now_ns, statuses)
 
     def write_metadata(self, name: str, record: dict[str, str]) -> None:
@@ -122,7 +129,6 @@ class DecisionWriter:
         if decision.pose is not None:
             turn = Rotation.from_matrix(decision.pose.rotation).as_quat()
             self._log.write_odometry(now, decision.pose.position, turn)
-            self._log.write(TF, "tf2_msgs/msg/TFMessage", self._transform(now, decision.pose.position, turn), now)
         if decision.allowed is not None:
             dimension = self._make["std_msgs/msg/MultiArrayDimension"](label="row bound", size=5, stride=5)
             layout = self._make["std_msgs/msg/MultiArrayLayout"](dim=[dimension], data_offset=0)
@@ -130,19 +136,6 @@ class DecisionWriter:
             self._log.write(SAFE_SET, "std_msgs/msg/Float64MultiArray", message, now)
         if decision.volume is not None:
             self._log.write(VOLUME, "sensor_msgs/msg/PointCloud2", self._cloud(now, *decision.volume), now)
-
-    def _transform(self, now_ns: int, position: Floats, turn: Floats) -> Any:
-        """The pose again, as viewers that know nothing of us want it."""
-        x, y, z = (float(value) for value in position)
-        a, b, c, d = (float(value) for value in turn)
-        transform = self._make["geometry_msgs/msg/Transform"](
-            translation=self._make["geometry_msgs/msg/Vector3"](x=x, y=y, z=z),
-            rotation=self._make["geometry_msgs/msg/Quaternion"](x=a, y=b, z=c, w=d),
-        )
-        stamped = self._make["geometry_msgs/msg/TransformStamped"](
-            header=self._log.header(now_ns, "odom"), child_frame_id="base_link", transform=transform
-        )
-        return self._make["tf2_msgs/msg/TFMessage"](transforms=[stamped])
 
     def _cloud(self, now_ns: int, occupied: Floats, free: Floats) -> Any:
         states = np.r_[np.ones(len(occupied)), np.zeros(len(free))]

@@ -22,6 +22,7 @@ LAG = 0.6  # s, of surge, heave and yaw
 VIEW, EFFORT = 0.1, 0.15  # m of gap that keeping it in view is worth; that a m/s of change costs
 NEAREST, AFTER = 3.0, 2.0  # m of mean gap that the least one counts for, and the least one afterwards
 ASTERN = 0.3  # m of gap: that way it sees nothing
+SIGHT, BLIND = 0.7, 1.5  # share of profiles that show something; m of gap that rising costs where fewer do
 STEADY = 0.4  # m of gap that going on with what was begun is worth
 
 
@@ -63,6 +64,10 @@ class Escape:
         worth = NEAREST * np.minimum(found[:, 0], keep) + AFTER * np.minimum(found[:, 3], keep) + found[:, 1]
         worth += VIEW * found[:, 2] - EFFORT * effort - ASTERN * (ways[:, 3] < 0.0)
         worth[len(self._manoeuvres) :] += STEADY
+        if (
+            situation.space.returning(situation.now_ns) < SIGHT
+        ):  # out of sight of the ground nothing proves the water free
+            worth -= BLIND * (ways[:, 4] > 0.0)
         best = int(np.argmax(worth))
         if best < len(self._manoeuvres):
             self._begun, self._begun_ns = ways[best], pose.stamp_ns

@@ -88,7 +88,7 @@ def replay(
             for decision in decided():
                 writer.write(decision)
             verdicts = plan.judge(decisions)
-            writer.write_verdict(decisions[-1].now_ns, verdicts)
+            writer.write_verdict(decisions[-1].now_ns, verdicts, plan.moments(decisions))
     seconds = (decisions[-1].now_ns - decisions[0].now_ns) * 1e-9
     return Replayed(len(decisions), seconds, verdicts, [*log.losses, *feed.losses.lines()])
 

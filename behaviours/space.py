@@ -18,6 +18,7 @@ from garbi_map.rig import Rig
 
 EVERY = 2  # profiles of which one carves: neighbours prove the same
 SLOWEST = 0.1  # m/s, surge at least, by which it is told how far the water carries the hull on its way
+RETURNED_NS = 1_000_000_000  # ns of profiles that tell whether anything returns at all
 DOT = 2  # hits that a dot of a profile counts: one may be a flake of snow, two in the same place are something
 
 
@@ -81,6 +82,7 @@ class Space:
         self._axis = np.ascontiguousarray(rig.camera.rotation[:, 2])
         self._count = 0
         self._proof: list[tuple[int, float]] = []
+        self._returned: list[tuple[int, bool]] = []
         self._reaches = np.arange(0.3, water.farthest + 0.05, 0.05)
         self._fading = np.exp(-2 * water.attenuation * self._reaches) / self._reaches**2
         self.assumed_free_above = np.inf
@@ -185,7 +187,10 @@ class Space:
         self._proof = [
             (when, reach) for when, reach in self._proof if 0 <= profile.stamp_ns - when < water.believed * 1e9
         ]
-        if len(profile.depth) < 20:
+        shown = len(profile.depth) >= 20
+        self._returned = [one for one in self._returned if 0 <= profile.stamp_ns - one[0] < RETURNED_NS]
+        self._returned.append((profile.stamp_ns, shown))
+        if not shown:
             return
         depth = float(np.median(profile.depth))
         light = float(np.median(profile.intensity)) * water.darkest * depth**2 * np.exp(2 * water.attenuation * depth)
@@ -251,6 +256,21 @@ class Space:
         )  # fmt: skip
         names = {kernels.FREE: "nothing", kernels.OCCUPIED: "obstacle", kernels.UNKNOWN: "unseen"}
         return Corridor(float(length), min(float(age) * 1e-3, 1e6), names[int(end)])
+
+    def known_astern(self, pose: Pose, heading: float, reach: float) -> float:
+        """m, `reach` at most, that the hull could go straight back from here, level, at that heading (rad), in water that
+        was seen free."""
+        back = Rotation.from_euler("z", heading + np.pi).as_matrix()
+        length, _, _ = kernels.ahead(
+            pose.position, back, self.half, 0.0, 0.0, 1.0, reach, self.voxel, self.low, self.shape,
+            self.settings.hits, self.assumed_free_above, self.milliseconds(pose.stamp_ns), self.layers,
+        )  # fmt: skip
+        return float(length)
+
+    def returning(self, stamp_ns: int) -> float:
+        """Share of the profiles of the last second in which something returned; 1 where there were none."""
+        lately = [shown for when, shown in self._returned if 0 <= stamp_ns - when < RETURNED_NS]
+        return sum(lately) / len(lately) if lately else 1.0
 
     def assume_free(self, above: float | None) -> None:
         """The stated prior: water is free this much above the highest mapped bottom; None: nothing is assumed."""

@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from behaviours.plan import Plan, Planner
+from behaviours.retreat import Retreat
 from behaviours.settings import TravelSettings, Vehicle
 from behaviours.situation import Situation
 from behaviours.types import Command, Pose, Proposal
 
 WATCH, SIDE, KEPT = 4.5, 0.9, 0.2  # m, rad, rad: what is watched, and within which bearing it is kept
 MISSED, MISSED_NEAR = (4.0, 20.0), 3.0  # s, m: what moves and was not seen for so long, and is near, is looked for
+SIGHT, SIGHTLESS, RISEN = 0.5, 3.0, 0.3  # share of profiles that show something; s; m over the goal: see _too_high
 NEAR, SLOW = 2.5, 0.1  # m, m/s: nearer than that it is waited for, else approached slowly
 
 
@@ -22,9 +24,11 @@ class Travel:
     def __init__(self, settings: TravelSettings, vehicle: Vehicle) -> None:
         self.settings, self.vehicle = settings, vehicle
         self._planner = Planner(vehicle, settings)
+        self._retreat = Retreat(vehicle)
         self._plan: Plan | None = None
         self._planned_ns = 0
         self._height: float | None = None
+        self._shown_ns: int | None = None
         self.goal = settings.goal
 
     def propose(self, situation: Situation) -> Proposal:
@@ -47,8 +51,23 @@ class Travel:
             return self._say(look, "no way to the goal is known: looking about")
         plan = self._plan
         words = f"goal at {left:.1f} m: surge {plan.surge:.2f} m/s, yaw {plan.yaw:+.2f} rad/s, {plan.words}"
+        if self._too_high(situation, float(goal[2])):
+            down = self._command(pose, 0.0, 0.0, float(goal[2]))
+            return self._say(down, f"goal at {left:.1f} m; nothing returns at this height: down to the goal's")
+        back = self._retreat.propose(situation)
+        if back is not None:
+            surge, yaw, why = back
+            return self._say(self._command(pose, surge, yaw, float(pose.position[2])), f"goal at {left:.1f} m; {why}")
         surge, yaw, why = self._watch(situation, plan.surge, plan.yaw)
         return self._say(self._command(pose, surge, yaw, plan.height), words + why)
+
+    def _too_high(self, situation: Situation, goal: float) -> bool:
+        """Whether it is above the goal's height (m) where the scanner has shown little for long: out of sight of the ground
+        nothing proves the water free, and there is no way on."""
+        now = situation.now_ns
+        if self._shown_ns is None or situation.space.returning(now) >= SIGHT:
+            self._shown_ns = now
+        return (now - self._shown_ns) * 1e-9 > SIGHTLESS and float(situation.pose.position[2]) - goal > RISEN
 
     def _watch(self, situation: Situation, surge: float, yaw: float) -> tuple[float, float, str]:
         """Surge and yaw that keep in view what may move, until it is known whether it does: out of view it never will be;

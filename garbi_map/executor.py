@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from functools import partial
@@ -46,27 +46,38 @@ class Workers:
     def run(
         self, job: Callable[..., T], of: Sequence[tuple[Any, ...]], done: Callable[[], None] = lambda: None
     ) -> list[T]:
-        """job(*arguments) of each; results in order, `done` is called for each. What a job raises is raised here.
+        """All that `results` gives; `done` is called for each."""
+        found = []
+        for result in self.results(job, of):
+            found.append(result)
+            done()
+        return found
+
+    def results(self, job: Callable[..., T], of: Sequence[tuple[Any, ...]]) -> Generator[T, None, None]:
+        """job(*arguments) of each, in order, each as soon as it is there. What a job raises is raised here.
 
         Raises GarbiError where the workers of the same job die again and again.
         """
-        results: dict[int, T] = {}
+        ready: dict[int, T] = {}
+        given = 0
         for _ in range(_ATTEMPTS):
             futures: dict[int, Future[T]] = {}
             try:
                 if self._executor is None:
                     self._executor = self._make()
-                for k, arguments in enumerate(of):
-                    if k not in results:
-                        futures[k] = self._executor.submit(job, *arguments)
-                for k, future in futures.items():
-                    results[k] = future.result()
-                    done()
-                return [results[k] for k in range(len(of))]
+                for k in range(given, len(of)):
+                    if k not in ready:
+                        futures[k] = self._executor.submit(job, *of[k])
+                while given < len(of):
+                    if given not in ready:
+                        ready[given] = futures[given].result()
+                    given += 1
+                    yield ready.pop(given - 1)
+                return
             except Exception as error:
                 if not _died(error):
                     raise
-                results |= {k: future.result() for k, future in futures.items() if _ended_well(future)}
+                ready |= {k: future.result() for k, future in futures.items() if k >= given and _ended_well(future)}
                 self.close()
             finally:
                 for future in futures.values():

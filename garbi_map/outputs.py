@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.metadata
 import time
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 from pathlib import Path
@@ -87,11 +88,18 @@ _TORN = 1e-3
 
 
 def write_outputs(
-    out: Path, home: Path, dive: Dive, store: SweepStore, built: Map, started: float, progress: Progress
+    out: Path,
+    home: Path,
+    dive: Dive,
+    store: SweepStore,
+    built: Map,
+    write_clouds: Callable[[], None],
+    started: float,
+    progress: Progress,
 ) -> None:
-    """Write everything but cloud.laz, which the fusion has written; report.json and report.html come last.
+    """Write everything; report.json and report.html come last.
 
-    home: the folder to which the files will be moved.
+    home: the folder to which the files will be moved; write_clouds writes cloud.laz and moving.laz.
     """
     from garbi_map.view import record_map
 
@@ -99,24 +107,26 @@ def write_outputs(
     progress.stage("files", 6)
     begin = time.perf_counter()
     mesh = triangulate(built.seabed, settings.max_triangles, settings.widest_hole)
-    with ThreadPoolExecutor(1) as beside:  # the recording takes longer than all the others together
+    with ThreadPoolExecutor(2) as beside:  # these two take longer than all the others together
+        clouds = beside.submit(write_clouds)
         recording = beside.submit(record_map, out / "map.rrd", dive, store, built, mesh)
         write_trajectory(out / "trajectory.tum", built.path)
         write_text(out / "config.yaml", dive.config.to_yaml())
         progress.advance()
-        also_copc(out / "cloud.laz")
         write_seabed_tif(out / "seabed.tif", built.seabed, reference)
         write_contours(out / "contours.gpkg", built.seabed, settings, reference)
         progress.advance()
         write_glb(out / "seabed.glb", mesh, reference)
         write_ply(out / "seabed.ply", mesh, reference)
         progress.advance()
+        write_hillshade(out / "hillshade.png", built.seabed, settings, dive.paths[0].stem, not reference.is_local)
+        progress.advance()
+        clouds.result()
+        also_copc(out / "cloud.laz")
         if dive.config.seabed.solid.make:
             mount = dive.navigation.mount("rig")
             solid = surface_of(out / "cloud.laz", built.path, mount, dive.config.seabed.solid, reference)
             write_ply(out / "surface.ply", solid, reference)
-        write_hillshade(out / "hillshade.png", built.seabed, settings, dive.paths[0].stem, not reference.is_local)
-        progress.advance()
         recording.result()
         progress.advance()
     dive.timings["files"] = time.perf_counter() - begin

@@ -5,8 +5,12 @@ from __future__ import annotations
 import shutil
 import time
 from collections import Counter
+from contextlib import closing
 from dataclasses import replace
+from functools import partial
+from itertools import islice
 from pathlib import Path
+from typing import Any
 
 from garbi_map.aside import alone_in, remove_leftovers
 from garbi_map.calibrate.map_uncertainty import MapSamples
@@ -16,12 +20,13 @@ from garbi_map.dive import Dive, Map, Span, open_dive
 from garbi_map.errors import GarbiError
 from garbi_map.estimate import Estimate, estimate, estimate_apart, sweeps_of, timed, trajectory_file
 from garbi_map.executor import open_workers
-from garbi_map.export import CloudWriter
+from garbi_map.export import POINT_BYTES, CloudWriter, Georeference
 from garbi_map.outputs import write_outputs
 from garbi_map.place import check_place, place_on_earth
 from garbi_map.progress import Progress, Show, Silent, unseen
 from garbi_map.publish import is_published, published, roll_forward
 from garbi_map.recordings import split_recordings
+from garbi_map.seabed import CELL_BYTES
 
 __all__ = ["build_map", "open_dive", "sweeps_of"]
 
@@ -69,31 +74,34 @@ def build_map(
         check_place(database, dives[0])
 
         work = out.absolute() / ".work"
+        jobs: list[tuple[Any, ...]] = []
         if len(new) > 1 or dask is not None:
             progress.stage("dives, each by itself", len(new))
-            same = (config, rig_path, span, database.folder, work)
-            crew.run(
-                estimate_apart, [([path.absolute() for path in dive.paths], *same) for dive in new], progress.advance
-            )
+            jobs = [
+                ([path.absolute() for path in dive.paths], config, rig_path, span, database.folder, work)
+                for dive in new
+            ]
+        with closing(crew.results(estimate_apart, jobs)) as apart:
 
-        def lay(dive: Dive) -> tuple[Dive, Estimate]:
-            made = estimate(dive, database.folder, work, workers, progress, show)
-            if dive in new:
-                with timed(dive, "place in the map"):
-                    first = place_on_earth(database, dive, made).transform
-                    join_map(database, stored(dive, made), made.judged.submaps, config.database.place, first)
-            return dive, made
+            def lay(dive: Dive) -> tuple[Dive, Estimate]:
+                for _ in islice(apart, 1):  # the next joins the map while others are still estimated
+                    progress.advance()
+                made = estimate(dive, database.folder, work, workers, progress, show)
+                if dive in new:
+                    with timed(dive, "place in the map"):
+                        first = place_on_earth(database, dive, made).transform
+                        join_map(database, stored(dive, made), made.judged.submaps, config.database.place, first)
+                return dive, made
 
-        dive, made = lay_all(new or dives[-1:], lay)
+            dive, made = lay_all(new or dives[-1:], lay)
         with timed(dive, "fusion"):
             progress.stage("fusion")
             database.fuse(config.seabed, crew)
             database.remove_unnamed()
-            built = map_of(database, dive, made)
+            built = with_calibration(map_of(database, dive, made), database, dive)
         with published(database, out, config) as files:
-            samples = write_clouds(database, files, config, built)
-            built = with_calibration(built, samples, dive)
-            write_outputs(files, out, dive, made.store, built, started, progress)
+            clouds = partial(write_clouds, database, files, config, built.located.reference)
+            write_outputs(files, out, dive, made.store, built, clouds, started, progress)
         shutil.rmtree(work, ignore_errors=True)
         return left_out(database, dives)
 
@@ -148,7 +156,7 @@ def map_of(database: Database, dive: Dive, made: Estimate) -> Map:
             inside=laid(made.registered.inside, submaps),
             agreement=made.registered.agreement.moved(submaps[0].transform),
         ),
-        seabed=database.surface(dive.config.seabed).finish(),
+        seabed=database.surface(dive.config.seabed, dive.config.export.room_for(CELL_BYTES)).finish(),
         path=database.trajectory(),
         accepted=sum(known.accepted for known in database.dives),
         rejected=dict(rejected),
@@ -156,22 +164,20 @@ def map_of(database: Database, dive: Dive, made: Estimate) -> Map:
     )
 
 
-def write_clouds(database: Database, files: Path, config: Config, built: Map) -> MapSamples:
-    """The points of all dives: those of the seabed, and apart from them what moved. Returns samples of the former."""
-    scale, reference = config.export.cloud_scale, built.located.reference
-    samples = MapSamples(built.seabed)
-    with CloudWriter(files / "cloud.laz", scale, reference) as cloud:
-        for points in database.points():
-            cloud.write(points)
-            samples.add(points)
-    with CloudWriter(files / "moving.laz", scale, reference) as cloud:
-        for moving in database.moving():
-            cloud.write(moving)
-    return samples
+def write_clouds(database: Database, files: Path, config: Config, reference: Georeference) -> None:
+    """The points of all dives: those of the seabed, and apart from them what moved."""
+    for name, parts in (("cloud.laz", database.points()), ("moving.laz", database.moving())):
+        at_once = config.export.room_for(POINT_BYTES)
+        with CloudWriter(files / name, config.export.cloud_scale, reference, at_once) as cloud:
+            for points in parts:
+                cloud.write(points)
 
 
-def with_calibration(built: Map, samples: MapSamples, dive: Dive) -> Map:
+def with_calibration(built: Map, database: Database, dive: Dive) -> Map:
     """The map with what the calibration and the path leave open in the uncertainties of its cells."""
+    samples = MapSamples(built.seabed)
+    for points in database.points():
+        samples.add(points)
     doubt = samples.uncertainty(built.path, dive.navigation.mount("rig"), dive.rig)
     level = dive.config.export.surface_sigma if dive.navigation.pressure is not None else 0.0
     return replace(built, seabed=doubt.carried_into(built.seabed, level), doubt=doubt)

@@ -99,3 +99,51 @@ def zeroed(source: Path, target: Path, begin: float, end: float) -> Path:
     data[first:last] = bytes(last - first)
     target.write_bytes(data)
     return target
+
+
+def swaying_bottom(topic: str, at: float, message: Any) -> Any:
+    """The ground moves by centimetres as sea grass does, each row of the image otherwise."""
+    import numpy as np
+    import simplejpeg
+
+    if topic == IMAGE:
+        image = simplejpeg.decode_jpeg(message.data.tobytes(), colorspace="BGR")
+        rows, columns = (np.arange(size) for size in image.shape[:2])
+        shift = np.round(6.0 * np.sin(2.0 * np.pi * (at / 1.3 + rows / 150.0))).astype(int)
+        moved = image[rows[:, None], (columns - shift[:, None]) % image.shape[1]]
+        message.data = np.frombuffer(simplejpeg.encode_jpeg(moved, colorspace="BGR"), np.uint8)
+    return message
+
+
+def to_and_fro(turn: float) -> Change:
+    """A vehicle that does not move: what images and encoder said until `turn` s, backward, forward again and so on.
+
+    turn: about the moment of an image.
+    """
+    import numpy as np
+
+    said: dict[str, list[tuple[float, Any]]] = {}
+
+    def change(topic: str, at: float, message: Any) -> Any:
+        known = said.setdefault(topic, [])
+        if topic in (IMAGE, ENCODER):
+            if at < turn:
+                known.append((at, message.data if topic == IMAGE else message.position.copy()))
+                return message
+            end = said[IMAGE][-1][0]
+            then = end - abs(at % (2.0 * end) - end)
+            times = np.array([time for time, _ in known])
+            if topic == IMAGE:
+                message.data = known[int(np.abs(times - then).argmin())][1]
+            else:
+                message.position = np.array([np.interp(then, times, [value[0] for _, value in known])])
+        if topic in (IMU, PRESSURE):
+            known.append((at, message))
+            for name in ("orientation", "linear_acceleration", "fluid_pressure"):
+                if hasattr(message, name):
+                    setattr(message, name, getattr(known[0][1], name))
+            if topic == IMU:
+                message.angular_velocity.x = message.angular_velocity.y = message.angular_velocity.z = 0.0
+        return None if topic == DVL else message
+
+    return change

@@ -94,6 +94,27 @@ def test_holding_and_resuming() -> None:
     assert [state for _, state, _ in plan.judge(series(near, bad))] == ["failed", "failed"]
 
 
+def moments(text: str, near: list[float], surge: list[float]) -> list[tuple[float, float, bool]]:
+    """When the one expectation of a plan was met and when not, s to the tenth."""
+    plan = parse_plan(f"expectations: [{text}]", "test")
+    return [(round(begin, 1), round(end, 1), met) for begin, end, met in plan.moments(series(near, surge))[0]]
+
+
+def test_an_expectation_is_met_and_missed_at_the_moments_it_speaks_of() -> None:
+    """Something is near from 1 to 6 s: the vehicle stands from 1.2 s on, but for 3.0 to 3.3 s, and goes on at 7.2 s."""
+    near = [np.inf] * 10 + [0.8] * 50 + [np.inf] * 60
+    surge = [0.2] * 12 + [0.0] * 18 + [0.2] * 3 + [0.0] * 39 + [0.2] * 48
+    assert moments("stops: {within: 0.6}", near, surge) == [(1.0, 1.3, True)]
+    assert moments("holds: {after: 0.6}", near, surge) == [(1.6, 3.0, True), (3.0, 3.3, False), (3.3, 6.0, True)]
+    assert moments("resumes: {within: 3}", near, surge) == [(5.9, 7.3, True)]
+    assert moments("resumes: {within: 1}", near, surge) == [(5.9, 7.3, False)]
+    assert moments("false_stops: {settle: 0.5}", near, surge) == [
+        (0.6, 1.0, True), (6.4, 7.2, False), (7.2, 11.9, True)
+    ]  # fmt: skip
+    assert moments("stops: {between: [8, 9]}", near, surge) == []
+    assert moments("says: {text: nothing like it}", near, surge) == []
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [

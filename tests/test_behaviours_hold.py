@@ -104,22 +104,25 @@ def test_a_lost_target_is_said_and_found_again() -> None:
     assert found[-1].facts["target"] == 1.0
 
 
-def test_rearming_does_not_dive() -> None:
-    """Armed at 0 m, then not asked while the vehicle went 2 m up: armed again it stays where it is."""
-    behaviour = armed()
+def rearmed(behaviour: Stabilisation) -> list[Proposal]:
+    """Armed at 0 m heading east, then not asked while the vehicle went 0.6 m up and turned: the first second afterwards."""
     hold(behaviour, 0, 3, 1.5)
-    again = hold(behaviour, 10, 2, 1.5, position=(0.0, 0.0, 2.0))
-    assert all(abs(got.command.heave) < 1e-9 for got in again)
+    return hold(behaviour, 10, 1, None, position=(0.0, 0.0, 0.6), heading=0.3)
 
 
-def test_without_the_rearm_rule_it_would_dive(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The same, with the rule broken, heaves: the claim above is a claim about the rule."""
-    behaviour = armed()
-    hold(behaviour, 0, 3, 1.5)
-    monkeypatch.setattr(Stabilisation, "rearm", lambda self, pose: None)
-    behaviour.depth = 1.2
-    again = hold(behaviour, 10, 2, 1.5, position=(0.0, 0.0, 2.0))
-    assert again[-1].command.heave < -0.05
+def test_rearming_neither_dives_nor_turns_back() -> None:
+    """Armed again it stays where it is."""
+    assert all(abs(got.command.heave) < 1e-9 and abs(got.command.yaw) < 1e-9 for got in rearmed(armed()))
+
+
+def test_without_the_rearm_rule_it_would(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same, armed but once: the claim above is a claim about the rule."""
+    once, rearm = set(), Stabilisation.rearm
+    monkeypatch.setattr(
+        Stabilisation, "rearm", lambda self, at: None if id(self) in once else (once.add(id(self)), rearm(self, at))
+    )
+    last = rearmed(armed())[-1]
+    assert last.command.heave < -0.05 and last.command.yaw < -0.02
 
 
 def test_a_pressure_glitch_does_not_heave() -> None:

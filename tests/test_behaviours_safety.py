@@ -138,6 +138,7 @@ def test_an_old_view_slows_and_then_stops() -> None:
     speeds = [filter_.speed_limit(Corridor(2.5, age, "nothing"), [])[0] for age in (0.1, 2.0, 4.0, 6.0, 7.5, 9.1)]
     assert all(slow <= fast + 1e-9 for fast, slow in itertools.pairwise(speeds))
     assert speeds[0] > 0.25 and speeds[-1] == 0.0
+    assert speeds[4] <= 0.5 * SafetySettings().creep  # half way from fresh to stale even creeping is halved
     astern = filter_.filter(Command(-0.1), pose(0), NOTHING, Corridor(2.5, 60.0, "nothing"), [], []).command
     assert astern.surge == pytest.approx(-0.1)
 

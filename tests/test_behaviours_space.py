@@ -127,6 +127,17 @@ def test_nearest_agrees_with_plain_geometry() -> None:
     assert ahead.min() == pytest.approx(2.05 - 0.65 - 0.05, abs=0.06)
 
 
+def test_unseen_water_is_near_where_it_begins() -> None:
+    """A hull launched with 0.5 m of known water about it has the unseen at that distance on every side."""
+    volume = space(launch_clearance=0.5)
+    volume.be_at(pose(0))
+    nearby = volume.nearby(pose(0), 1.3)
+    for axis in range(3):
+        for side in (1.0, -1.0):
+            there = nearby.unknown & (side * nearby.normal[:, axis] > 0.95)
+            assert nearby.distance[there].min() == pytest.approx(0.5, abs=0.11)
+
+
 def test_a_wave_abeam_does_not_make_the_way_ahead_old_but_a_current_does() -> None:
     """What a wave pushes the vehicle aside it takes back: the way ahead stays the one in view. A current carries it on."""
     volume = space()

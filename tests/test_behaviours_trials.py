@@ -22,6 +22,7 @@ from tools.trials.avoidance import KINDS, SMALL, Outcome, make_world, run, save
 from tools.trials.avoidance import fly as fly_trial
 from tools.trials.feed import DiveFeed, Level
 from tools.trials.scenario import open_water
+from tools.trials.sources import fingerprint
 from tools.trials.stabilisation import run as hold
 from tools.trials.table import append, draw, judge, read, table
 from tools.trials.world import Block, Rod, World
@@ -127,9 +128,41 @@ def test_the_table_tells_what_was_avoidable(tmp_path: Path) -> None:
         "feasible": 2,
         "reached": 1,
     }
-    assert "| garbi | all | 3 | 2 | 1 | 0 | 2 | 1 (50 %) |" in table(kept)
+    told = table(kept)
+    assert "| garbi | all | 3 | 2 | 1 | 0 | 2 | 1 (50 %) | 9 |" in told
+    assert "Not avoidable (omniscient collided): 5." in told and "garbi collided although avoidable: 0." in told
     draw(kept, tmp_path / "trials.svg")
     assert (tmp_path / "trials.svg").read_text().count("<rect") > 6
+
+
+def test_a_trial_flown_again_replaces_what_earlier_sources_made_of_it(tmp_path: Path) -> None:
+    """The later row counts, and the table says which sources the flights come from."""
+    for sources, reached in (("1111", False), ("2222", True)):
+        append(tmp_path / "trials.csv", Outcome(0, "wall", "garbi", False, reached, 0.1, 9.0, 1.0, 0.0, sources))
+    append(tmp_path / "trials.csv", Outcome(5, "wall", "garbi", False, False, 0.1, 9.0, 1.0, 0.0, "1111"))
+    kept = read(tmp_path / "trials.csv")
+    assert [one.reached for one in kept] == [True, False]
+    assert "sources 2222: 1 garbi" in table(kept) and "sources 1111: 1 garbi" in table(kept)
+
+
+def test_only_what_decides_a_flight_is_in_its_fingerprint(tmp_path: Path) -> None:
+    """Comments, docstrings and files that are not imported do not count; a number in an imported file does."""
+    tools, behaviours = tmp_path / "tools", tmp_path / "behaviours"
+    tools.mkdir()
+    behaviours.mkdir()
+    (tools / "fly.py").write_text('"""A flight."""\nfrom behaviours.pilot import GAIN\n')
+    (behaviours / "pilot.py").write_text("GAIN = 1\n")
+
+    def now() -> str:
+        fingerprint.cache_clear()
+        return fingerprint(tmp_path, "tools/fly.py")
+
+    before = now()
+    (tools / "fly.py").write_text('"""Another word for it."""\nfrom behaviours.pilot import GAIN  # louder\n')
+    (behaviours / "unused.py").write_text("GAIN = 3\n")
+    assert now() == before
+    (behaviours / "pilot.py").write_text("GAIN = 2\n")
+    assert now() != before
 
 
 def test_a_flight_is_saved_as_a_log_that_replays(tmp_path: Path) -> None:

@@ -7,8 +7,9 @@ import signal
 import subprocess
 import sys
 import time
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -33,6 +34,40 @@ def fatal_once(trace: Path, number: int) -> int:
 def refuse(number: int) -> int:
     """A job on bad input."""
     raise GarbiError(f"{number}: not usable")
+
+
+def after(sign: Path, number: int) -> int:
+    """A job of which the later ones wait for a sign."""
+    while number > 0 and not sign.exists():
+        time.sleep(0.01)
+    return number
+
+
+def test_a_result_is_there_while_others_are_still_made(tmp_path: Path) -> None:
+    """The second is not done before the first was taken."""
+    with (
+        open_workers(2) as workers,
+        closing(workers.results(after, [(tmp_path / "sign", k) for k in range(3)])) as found,
+    ):
+        assert next(found) == 0
+        (tmp_path / "sign").touch()
+        assert list(found) == [1, 2]
+
+
+def test_what_nobody_waits_for_any_more_is_not_begun(tmp_path: Path) -> None:
+    """One worker is at the second job when the results are given up; the third is never done."""
+    begun: list[int] = []
+
+    def job(number: int) -> int:
+        begun.append(number)
+        return after(tmp_path / "sign", number)
+
+    workers = Workers(lambda: ThreadPoolExecutor(1))
+    with closing(workers.results(job, [(0,), (1,), (2,)])) as found:
+        assert next(found) == 0
+    (tmp_path / "sign").touch()
+    workers.close()
+    assert 2 not in begun
 
 
 def test_results_come_in_order_and_each_is_told() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import struct
+import tracemalloc
 from pathlib import Path
 
 import laspy
@@ -13,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from garbi_map.export import CloudWriter, Georeference, also_copc, copc
+from garbi_map.export import CloudWriter, Georeference, also_copc, copc, octree
 from garbi_map.export.octree import SAMPLES, Cube, nodes
 from garbi_map.seabed import AcceptedPoints
 
@@ -35,11 +36,14 @@ def floor(count: int, seed: int = 0, size: tuple[float, float] = (4.0, 2.0)) -> 
     )
 
 
-def written(path: Path, points: AcceptedPoints, parts: int = 4, reference: Georeference = LOCAL) -> Path:
+def written(
+    path: Path, points: AcceptedPoints, parts: int = 4, reference: Georeference = LOCAL, at_once: int = 1_000_000
+) -> Path:
     """The points in so many sweeps."""
-    with CloudWriter(path, reference=reference) as writer:
-        for rows in np.array_split(np.arange(len(points.points)), parts):
-            writer.write(AcceptedPoints(*(getattr(points, name)[rows] for name in _COLUMNS)))
+    with CloudWriter(path, reference=reference, at_once=at_once) as writer:
+        ends = np.linspace(0, len(points.points), parts + 1).astype(int)
+        for begin, end in itertools.pairwise(ends):
+            writer.write(AcceptedPoints(*(getattr(points, name)[begin:end] for name in _COLUMNS)))
     return path
 
 
@@ -125,14 +129,28 @@ def test_memory_changes_nothing_for_a_reader(tmp_path: Path, monkeypatch: pytest
     """A cloud that is sorted on disk, part by part, is the cloud that is sorted in memory."""
     points = floor(60_000, size=(40.0, 30.0))
     whole = in_time(laspy.read(written(tmp_path / "a.laz", points)))
-    monkeypatch.setattr(copc, "AT_ONCE", 5_000)
     monkeypatch.setattr(copc, "_BLOCK", 7_000)
-    path = written(tmp_path / "b.laz", points)
+    path = written(tmp_path / "b.laz", points, at_once=5_000)
     np.testing.assert_array_equal(in_time(laspy.read(path)), whole)
     with laspy.CopcReader.open(path) as reader:
         np.testing.assert_array_equal(in_time(reader.query()), whole)
         assert len(reader.root_page.entries) > 8
     assert {file.name for file in tmp_path.iterdir()} == {"a.laz", "b.laz"}
+
+
+def test_memory_does_not_grow_with_the_points(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Four times the points, no more memory; and no more than is said of those that are sorted at a time."""
+    for module, name, value in ((octree, "SAMPLES", 4), (octree, "_LEAF", 400), (copc, "_BLOCK", 5_000)):
+        monkeypatch.setattr(module, name, value)  # nodes are as small beside the whole as those of many millions
+    peaks = []
+    for number, length in enumerate((30.0, 120.0)):
+        points = floor(round(2_500 * length), size=(40.0, length))
+        tracemalloc.start()
+        written(tmp_path / f"{number}.laz", points, parts=round(length), at_once=30_000)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 1.1 * peaks[0]
+    assert peaks[1] < 30_000 * copc.POINT_BYTES
 
 
 def test_the_same_points_give_the_same_bytes(tmp_path: Path) -> None:

@@ -298,3 +298,10 @@ def test_the_whole_chain_puts_a_slope_where_it_is(tmp_path: Path) -> None:
     x, y, z = np.asarray(laspy.read(tmp_path / "cloud.laz").xyz).T
     assert len(x) == 2 * 60 * 300
     assert np.std(z - plane(x, y)) == pytest.approx(0.0005, rel=0.2)
+
+
+def test_a_smaller_budget_makes_room_for_less() -> None:
+    """What the program itself takes is no room."""
+    assert 0 < ExportSettings(memory=1.0).room_for(200) < ExportSettings().room_for(200) / 3
+    with pytest.raises(ValueError, match="memory"):
+        ExportSettings(memory=0.5)

@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from garbi_map.register.constants import Constant
-from garbi_map.register.drift import matched
+from garbi_map.register.drift import Belief, matched
 from garbi_map.register.factors import (
     GRAVITY,
     Acceleration,
@@ -37,6 +37,7 @@ BIASES = [
     Constant("accelerometer_bias", 0.1, "m/s^2", 3),
     Constant("gyro_bias", 0.01, "rad/s", 3),
     Constant("dvl_scale", 0.02, "1"),
+    Constant("accelerometer_scale", 0.02, "1"),
 ]
 CLOCKS = [Constant(f"{name}_clock", 0.025, "s") for name in ("imu", "dvl", "pressure")]
 
@@ -238,7 +239,7 @@ def test_the_derivatives_of_matches_are_those_of_the_distance_along_the_normal()
     motion = some_motion(0.0)
     time, sweep, means, normals = placed_surfels(motion)
     surfels, rows = surfels_of(time, sweep, means(), normals()), Rows(motion.size)
-    count, distance = added(rows, motion, surfels, 0.05, np.inf, 1e-3)  # type: ignore[arg-type]
+    count, distance = added(rows, motion, surfels, 0.05, np.inf, Belief(1e-3))  # type: ignore[arg-type]
     first, second = match_surfels(surfels, 0.05, np.inf)
 
     def residual() -> np.ndarray:
@@ -256,7 +257,7 @@ def test_a_turn_of_the_whole_map_changes_no_match():
     motion = some_motion(0.0)
     time, sweep, means, normals = placed_surfels(motion)
     rows = Rows(motion.size)
-    added(rows, motion, surfels_of(time, sweep, means(), normals()), 0.05, np.inf, 1e-3)  # type: ignore[arg-type]
+    added(rows, motion, surfels_of(time, sweep, means(), normals()), 0.05, np.inf, Belief(1e-3))  # type: ignore[arg-type]
     turn = np.array([0.2, -0.3, 1.0])
     whole = np.zeros(motion.size)
     whole[: motion.attitude_offset] = np.cross(turn, motion.position_control).ravel()
@@ -271,8 +272,8 @@ def test_matches_of_many_views_share_what_they_know():
     time, sweep = np.linspace(0.2, 1.0, views), np.arange(views)
     surfels = surfels_of(time, sweep, np.zeros((views, 3)), np.tile(UP, (views, 1)))
     once, twice = Rows(motion.size), Rows(motion.size)
-    added(once, motion, surfels, 0.05, np.inf, 1e-3)  # type: ignore[arg-type]
-    added(twice, motion, surfels, 0.05, np.inf, 1e-3, looks=2)  # type: ignore[arg-type]
+    added(once, motion, surfels, 0.05, np.inf, Belief(1e-3))  # type: ignore[arg-type]
+    added(twice, motion, surfels, 0.05, np.inf, Belief(1e-3, looks=2))  # type: ignore[arg-type]
     assert once.sigmas[0] == pytest.approx(np.full(10, 1e-3 * np.sqrt(views / 2.0)))
     assert twice.sigmas[0] == pytest.approx(once.sigmas[0] * np.sqrt(2.0))
 
@@ -282,7 +283,7 @@ def test_a_match_is_less_sure_the_farther_apart_its_surfels_are_along_the_surfac
     motion = some_motion(0.0)
     time, sweep, means, normals = placed_surfels(motion)
     surfels, rows = surfels_of(time, sweep, means(), normals()), Rows(motion.size)
-    added(rows, motion, surfels, 0.05, np.inf, 1e-3)  # type: ignore[arg-type]
+    added(rows, motion, surfels, 0.05, np.inf, Belief(1e-3))  # type: ignore[arg-type]
     first, second = match_surfels(surfels, 0.05, np.inf)
     between = surfels.mean[first] - surfels.mean[second]
     away = np.sum(between**2, axis=1) - along_the_normal(surfels.normal[first], surfels.normal[second], between) ** 2
@@ -299,7 +300,7 @@ def test_a_settled_surfel_stays_where_it_is():
     everything = surfels_of(time, sweep, means(), normals())
     moving, settled = everything.select(sweep == 0), everything.select(sweep == 1)
     rows = Rows(motion.size)
-    count, _ = added(rows, motion, moving, 0.05, np.inf, 1e-3, settled)  # type: ignore[arg-type]
+    count, _ = added(rows, motion, moving, 0.05, np.inf, Belief(1e-3), settled)  # type: ignore[arg-type]
     first, second = match_surfels(everything, 0.05, np.inf)
     there = everything.mean[second], everything.normal[second]
     expected = by_differences(motion, lambda: along_the_normal(normals()[first], there[1], means()[first] - there[0]))
@@ -307,17 +308,18 @@ def test_a_settled_surfel_stays_where_it_is():
     assert rows.matrix == pytest.approx(expected, abs=1e-7)
     nothing = everything.select(np.zeros(len(time), bool))
     twice = Surfels(everything.mean, everything.normal, everything.time, everything.sweep, everything.thickness)
-    assert added(Rows(motion.size), motion, nothing, 0.05, np.inf, 1e-3, twice) == (0, 0.0)  # type: ignore[arg-type]
+    assert added(Rows(motion.size), motion, nothing, 0.05, np.inf, Belief(1e-3), twice) == (0, 0.0)  # type: ignore[arg-type]
 
 
 def measured_by_a_true_motion() -> tuple[Motion, Acceleration, BottomTrack, Height, AttitudeCorrection]:
     """What perfect sensors with a bias and a scale say of a motion; arms and levers included."""
     motion = some_motion(0.003)
-    motion.constants.value[:] = [0.05, -0.02, 0.03, 0.0, 0.0, 0.0, 0.005]
+    motion.constants.value[:] = [0.05, -0.02, 0.03, 0.0, 0.0, 0.0, 0.005, -0.01]
     motion.attitude_control[:] = motion.attitude_control[0]
     inverse = motion.rotation(TIMES).inv()
     arm, rate = random_vectors(0.1), motion.rate(TIMES)
-    force = inverse.apply(motion.position(TIMES, 2) - GRAVITY) + motion.constants.vector("accelerometer_bias") + arm
+    force = 0.99 * (inverse.apply(motion.position(TIMES, 2) - GRAVITY) + arm)
+    force = force + motion.constants.vector("accelerometer_bias")
     lever = np.array([-0.4, 0.2, -0.1])
     velocity = (inverse.apply(motion.position(TIMES, 1)) + np.cross(rate, lever)) * 1.005
     height = (motion.position(TIMES) + motion.rotation(TIMES).apply(lever))[:, 2]
@@ -364,6 +366,20 @@ def test_a_velocity_full_of_noise_does_not_draw_the_scale():
     rows = rows_of(BottomTrack(t, true + noise, np.zeros(3)), motion)
     column = rows.matrix[:, motion.constants_columns[motion.constants.place("dvl_scale")]][:, 0]
     assert -(column @ rows.residual) / (column @ column) == pytest.approx(0.0, abs=0.04)
+
+
+def test_a_force_full_of_noise_does_not_draw_the_scale():
+    """Nor does the accelerometer's, whose bias takes up what gravity says of it."""
+    random = np.random.default_rng(4)
+    declared = [Constant("accelerometer_bias", 0.1, "m/s^2", 3), Constant("accelerometer_scale", 0.02, "1")]
+    motion = Motion(0.0, END, PriorAttitude(np.zeros(1), np.array([[0.0, 0.0, 0.0, 1.0]])), 0.4, 1.0, declared)
+    motion.position_control[:] = random.normal(0.0, 0.3, motion.position_control.shape)
+    t = np.linspace(0.2, END - 0.2, 4000)
+    true = motion.position(t, 2)
+    noise = random.normal(0.0, true.std(), true.shape)
+    rows = rows_of(Acceleration(t, true - GRAVITY + noise, np.zeros((len(t), 3))), motion)
+    constants = rows.matrix[:, motion.constants_columns]
+    assert np.linalg.lstsq(constants, -rows.residual)[0][3] == pytest.approx(0.0, abs=0.04)
 
 
 def test_sigmas_are_taken_from_residuals_within_bounds():

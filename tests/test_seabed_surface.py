@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +13,16 @@ from seabed_scene import dome, error, plane, scan
 from garbi_map.errors import GarbiError
 from garbi_map.log.records import Mount
 from garbi_map.navigate.trajectory import Trajectory
-from garbi_map.seabed import Seabed, SeabedBuilder, SeabedSettings, SurfaceGrid, build_seabed
+from garbi_map.seabed import (
+    CELL_BYTES,
+    Seabed,
+    SeabedBuilder,
+    SeabedSettings,
+    SurfaceGrid,
+    SweptPoints,
+    build_seabed,
+    fuse,
+)
 from garbi_map.seabed.builder import Posed
 from garbi_map.seabed.surface import TILE
 
@@ -192,3 +202,56 @@ def test_no_seabed_at_all_is_said_in_one_line() -> None:
     nothing = replace(sweep, sigma=np.full_like(sweep.sigma, np.nan))
     with pytest.raises(GarbiError, match="no point of the seabed was accepted"):
         built([(nothing, poses)])
+
+
+def test_memory_for_a_cell_is_what_is_said() -> None:
+    """From the points of a sweep over a square metre to its rasters: no more bytes than the budget counts with."""
+    sweep, poses = scan(plane, 0, length=1.0, width=1.0, profiles=240, rows=480)
+    builder = SeabedBuilder(SeabedSettings())
+    builder.observe(sweep, poses)
+    points = builder.judge(sweep, poses)
+    tracemalloc.start()
+    grid = SurfaceGrid(SeabedSettings(), room=25)
+    before = tracemalloc.get_traced_memory()[0]
+    grid.add(points)
+    tracemalloc.reset_peak()
+    seabed = grid.finish()
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert before < peak < CELL_BYTES * max(seabed.density.size, 25 * TILE**2)
+
+
+def test_points_of_many_sweeps_fused_at_once_are_the_sweeps_one_by_one() -> None:
+    """Sorted by cell or not: what a cell remembers is the same to the digits that it keeps."""
+    rng = np.random.default_rng(3)
+    settings, sweeps = SeabedSettings(), []
+    for _ in range(4):
+        points = np.column_stack([rng.uniform(-0.5, 0.5, (3000, 2)), rng.normal(-2.0, 0.01, 3000)])
+        slope, noise, pose = rng.normal(0, 0.2, (3000, 2)), rng.uniform(1e-8, 1e-6, 3000), rng.uniform(0, 1e-3, 3000)
+        sweeps.append((points, slope, noise, pose, rng.uniform(0, 255, 3000)))
+    whole = [np.concatenate(parts) for parts in zip(*sweeps, strict=True)]
+    number = np.repeat(np.arange(4, dtype=np.int32), 3000)
+    at_once, one_by_one = SurfaceGrid(settings), SurfaceGrid(settings)
+    at_once.take(fuse(SweptPoints(whole[0], number, 2.0 * np.arange(4), *map(np.float32, whole[1:])), settings))
+    for k, (points, *rest) in enumerate(sweeps):
+        swept = SweptPoints(points, np.zeros(3000, np.int32), np.array([2.0 * k]), *map(np.float32, rest))
+        one_by_one.take(fuse(swept, settings))
+    same(at_once.finish(), one_by_one.finish())
+
+
+def test_a_cell_remembers_what_its_points_say() -> None:
+    """Weighted mean, its variance and the spread, by the formulas over all points of one cell of one sweep."""
+    rng = np.random.default_rng(4)
+    z, noise, pose = rng.normal(-7.0, 0.002, 40), rng.uniform(1e-7, 1e-6, 40), rng.uniform(1e-4, 5e-4, 40)
+    points = np.column_stack([rng.uniform(0.0, 0.005, (40, 2)), z])
+    flat, grey = np.zeros((40, 2), np.float32), np.arange(40, dtype=np.float32)
+    swept = SweptPoints(points, np.zeros(40, np.int32), np.zeros(1), flat, *map(np.float32, (noise, pose)), grey)
+    (cell,) = fuse(swept, SeabedSettings()).memory
+    weight = 1 / (noise + pose**2)
+    mean = np.average(z, weights=weight)
+    found = [float(cell[name]) for name in ("count", "z", "weight", "noise", "pose", "within", "intensity")]
+    true = [
+        40, mean, weight.sum(), (weight**2 * noise).sum(), (weight @ pose) ** 2,
+        weight @ (z - mean) ** 2, np.average(grey, weights=weight),
+    ]  # fmt: skip
+    np.testing.assert_allclose(found, true, rtol=1e-6)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from behaviours.types import Command, Pose, Proposal
 from garbi_map.log import open_log
 from garbi_map.view import style
 from garbi_map.view.blueprint import decision_blueprint
-from garbi_map.view.decisions import read_ticks
+from garbi_map.view.decisions import Said, moments_of, read_ticks
 from garbi_map.view.safe_set import AHEAD, START, clipped, outlines
 from garbi_map.view.show import Wishes, save_log
 from garbi_map.view.stream import recording_file
@@ -65,8 +66,12 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
         writer.write_metadata("garbi.behaviours", {"json": plan})
         for number in range(TICKS):
             writer.write(decision(number))
-        verdicts = [("stops", "held", "in time"), ("resumes", "no encounter", "nothing cleared")]
-        writer.write_verdict(BEGIN + (TICKS - 1) * PERIOD, verdicts)
+        verdicts = [
+            ("stops", "held", "in time"),
+            ("resumes", "no encounter", "nothing cleared"),
+            ("away", "failed", "not always"),
+        ]
+        writer.write_verdict(BEGIN + (TICKS - 1) * PERIOD, verdicts, [[], [], [(1.0, 1.4, True), (1.4, 2.0, False)]])
     return path
 
 
@@ -109,6 +114,18 @@ def test_expectations_lie_where_they_speak(content: dict) -> None:
     assert changes(content, "expected/resumes") == [(0, "no encounter"), (29, "")]
 
 
+def test_expectations_are_met_and_missed_when_they_are(content: dict) -> None:
+    """Met from the tenth tick, missed from the fourteenth to the twentieth."""
+    assert changes(content, "expected/away") == [(10, style.MET), (14, ""), (14, style.MISSED), (20, "")]
+
+
+@given(st.text() | st.recursive(st.none() | st.booleans() | st.floats() | st.text(), st.lists).map(json.dumps))
+def test_moments_that_make_no_sense_are_no_moments(text: str) -> None:
+    """Whatever a log says of them; what is taken is in order, and within a lifetime."""
+    for begin, end, _ in moments_of(Said(0, "", {"moments": text})) or []:
+        assert 0.0 <= begin <= end < 1e9
+
+
 def test_the_reason_is_there_in_words(content: dict) -> None:
     """A page for each change, and a line where safety stepped in."""
     pages = [row[0] for row in rows(content, style.WORDS, "TextDocument:text")]
@@ -140,7 +157,7 @@ def test_a_decision_is_shown_alike_live_and_from_its_log(log: Path) -> None:
 def test_a_live_decision_draws_what_a_log_draws(content: dict, tmp_path: Path) -> None:
     """The same entities, one tick at a time."""
     sender = DecisionSender()
-    with recording_file(tmp_path / "live.rrd", "live", decision_blueprint()) as recording:
+    with recording_file(tmp_path / "live.rrd", "decisions", "live", decision_blueprint()) as recording:
         for number in range(TICKS):
             sender(recording, decision(number))
     drawn = recorded(tmp_path / "live.rrd")

@@ -60,7 +60,7 @@ def test_the_first_image_costs_its_own_part_of_the_log(
 
     opened = Index.open
     monkeypatch.setattr(Index, "open", lambda index: Counting(opened(index)))
-    with recording_file(tmp_path / "first.rrd", "first", decision_blueprint()) as recording:
+    with recording_file(tmp_path / "first.rrd", "log", "first", decision_blueprint()) as recording:
         send_first_image(recording, open_log([long_log]))
     assert 0 < read < 0.08 * long_log.stat().st_size
     content = recorded(tmp_path / "first.rrd")
@@ -71,7 +71,7 @@ def test_a_log_without_images_has_no_first_image(tmp_path: Path) -> None:
     """And that is no reason to stop."""
     with LogWriter(tmp_path / "log.mcap") as log:
         log.write_encoder(START, 0.1)
-    send_first_image(new_recording("test"), open_log([tmp_path / "log.mcap"]))
+    send_first_image(new_recording("log", "test"), open_log([tmp_path / "log.mcap"]))
 
 
 def test_nothing_heavy_is_imported_before_the_viewer_starts() -> None:

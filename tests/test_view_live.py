@@ -15,7 +15,7 @@ from garbi_map.seabed import AcceptedPoints
 from garbi_map.view import style
 from garbi_map.view.blueprint import work_blueprint
 from garbi_map.view.live import Live
-from garbi_map.view.live_map import send_work
+from garbi_map.view.live_map import WorkSender
 from garbi_map.view.stream import new_recording, recording_file
 from tests.view_scene import IMAGES, SEABED_Z, make_scene, recorded
 
@@ -29,7 +29,7 @@ def test_a_slow_viewer_is_not_waited_for() -> None:
         go_on.wait()
         sent.append(thing)
 
-    shown = Live(new_recording("test"), send)
+    shown = Live(new_recording("log", "test"), send)
     shown.show(0)
     begun.wait()
     for thing in range(1, 101):
@@ -47,7 +47,7 @@ def test_a_view_that_fails_does_not_stop_the_work() -> None:
     def send(_: Any, thing: int) -> None:
         raise RuntimeError("the viewer is gone")
 
-    shown = Live(new_recording("test"), send)
+    shown = Live(new_recording("log", "test"), send)
     for thing in range(50):
         shown.show(thing)
     shown.close()
@@ -65,10 +65,14 @@ def test_sweeps_path_and_points_are_drawn(tmp_path: Path) -> None:
         np.zeros(40_000, np.float32),
         np.zeros(40_000, np.uint8),
     )
-    with recording_file(tmp_path / "work.rrd", "work", work_blueprint()) as recording:
+    send = WorkSender()
+    with recording_file(tmp_path / "work.rrd", "work", "work", work_blueprint()) as recording:
         for thing in (*scene.store, scene.built.registered.trajectory, accepted):
-            send_work(recording, thing)
+            send(recording, thing)
     content = recorded(tmp_path / "work.rrd")
+    assert [row[0].split("**")[1] for row in content[style.ABOUT]["TextDocument:text"] if row] == [
+        "The log is read.", "The path is found", "The map grows"
+    ]  # fmt: skip
     profiles = [row for row in content[style.PROFILE.path]["Points3D:positions"] if row]
     assert len(profiles) == 2
     assert len([row for row in content[style.VEHICLE]["Transform3D:translation"] if row]) == IMAGES

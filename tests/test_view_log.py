@@ -53,7 +53,7 @@ def test_depth_is_that_of_the_pressure(dive: Path, tmp_path: Path) -> None:
 def test_the_first_images_come_at_once(dive: Path) -> None:
     """A log is sent in windows, the first one half a second long, so that something is seen however long the log is."""
     log = open_log([dive])
-    sent = stream_log(new_recording("test"), log, None, Config())
+    sent = stream_log(new_recording("log", "test"), log, None, Config())
     assert next(sent) - log.begin_ns <= 500_000_000
 
 

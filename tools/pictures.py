@@ -1,5 +1,5 @@
 """`python -m tools.pictures MAP LOG -o FOLDER`: the README's pictures, taken without a screen: a finished map, its
-uncertainty, its surface, and a decision that behaviours made on a log."""
+uncertainty, and a decision that behaviours made on a log."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from garbi_map.log import open_log
 from garbi_map.view.show import Wishes, save_log
 from tools.headless import headless
 
-PICTURES = {"map": ("Depth", 0.75, False), "uncertainty": ("Uncertainty", 1.0, True), "surface": ("Surface", 1.0, True)}
+PICTURES = {"map": ("Depth", 0.75, False), "uncertainty": ("Uncertainty", 1.0, True)}
 """File -> tab, share of the dive that has passed, and whether the view is alone in the picture."""
 DECISION = 0.6
 """Share of the log that has passed when something crosses the vehicle's way."""

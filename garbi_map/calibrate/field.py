@@ -109,11 +109,13 @@ def find(
     stamps = dive.store.stamps()
     count = int(np.ceil((stamps[-1] - stamps[0]) * 1e-9 / dive.settings.drift.window))
     edges = np.linspace(stamps[0], stamps[-1], count + 1).astype(np.int64)
+    known = known or Known()
+    known.refuse_beyond(int(edges[0]), int(edges[-1]))
     solved: list[Joint] = []
     z = _start(unknown, dive.store.latency)
     for number, (begin, end) in enumerate(pairwise(edges)):
         progress(f"stretch {number + 1} of {count}")
-        joint = begin_joint(dive, unknown, int(begin), int(end), z, known or Known())
+        joint = begin_joint(dive, unknown, int(begin), int(end), z, known)
         joint.solve()
         z = joint.z
         solved.append(joint)

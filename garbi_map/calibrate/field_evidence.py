@@ -15,11 +15,13 @@ from garbi_map.log.records import Floats
 
 SEEN = 0.5
 """Share of the sigma beforehand below which a dive has told something of a parameter."""
-COMMON = {"laser.delta": np.deg2rad(0.025), LATENCY: 5e-5}
+COMMON = {"laser.delta": np.deg2rad(0.008), LATENCY: 5e-5}
 """1 sigma, rad and s, of what all matches of a dive have in common, and no count of them lessens: with right rigs, delta,
-which is hardly more than a scale of ranges, comes out that far off."""
+which is hardly more than a scale of ranges, comes out that far off on the average."""
 _GAIN = 16.0
-"""By how much the cost has to fall for a parameter to be changed: four of its sigmas, all else refitted."""
+"""By how much the cost has to fall for a rig to be wrong: four sigmas of a parameter, all else refitted."""
+_FURTHER = 6.63
+"""By how much it has to fall for one more parameter of a wrong rig: 99 %, for what is left out is put on the others."""
 _BETTER = 2.0
 """Standard errors by which the regions held out have to fit better: a second opinion, from few of them."""
 _CAUCHY = 2.0
@@ -133,14 +135,14 @@ class _Cost:
             now = self.gain(free)
             gains = [self.gain(with_other(k)) - now if not own else -np.inf for k, own in enumerate(free)]
             best = int(np.argmax(gains))
-            if gains[best] < _GAIN:
+            if gains[best] < (_FURTHER if any(free) else _GAIN):
                 break
             free[best] = True
         while any(free):
             now = self.gain(free)
             losses = [now - self.gain(with_other(k)) if own else np.inf for k, own in enumerate(free)]
             least = int(np.argmin(losses))
-            if losses[least] >= _GAIN:
+            if losses[least] >= (_FURTHER if sum(free) > 1 else _GAIN):
                 break
             free[least] = False
         return tuple(free)

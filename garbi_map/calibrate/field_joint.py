@@ -18,13 +18,14 @@ from garbi_map.calibrate.field_views import UnknownScanner, Views
 from garbi_map.log.records import Floats, Stamps
 from garbi_map.navigate import Trajectory
 from garbi_map.register.constants import Constant
-from garbi_map.register.drift import Matches, Scans, matched
+from garbi_map.register.drift import Belief, Matches, Scans, matched
 from garbi_map.register.factors import Factor
 from garbi_map.register.motion import Motion
 from garbi_map.register.normal_equations import NormalEquations
 from garbi_map.register.normals import Normals, common_normals, summed_normals
 from garbi_map.register.sensors import Sensors
 from garbi_map.register.settings import DriftSettings
+from garbi_map.register.surfels import Surfels
 
 ACCELEROMETER_SCALE = 0.02
 """1 sigma: what a rig does to ranges looks like a scale, and few accelerometers know theirs."""
@@ -179,11 +180,18 @@ class Joint:
             voxel = size * fraction
             corner = voxel * ((self._corner + _SPREAD) % 1.0)
             self._corner = self._corner + _SPREAD
-            surfels = scans.surfels(self.motion, voxel, settings.surfel_points, corner)
+            surfels = self._lit_at_once(scans.surfels(self.motion, voxel, settings.surfel_points, corner))
             looks = len(sizes)
-            found = matched(self.motion, surfels, gate, np.inf, sigma, None, normals, changes, looks)
+            found = matched(self.motion, surfels, gate, np.inf, Belief(sigma, looks=looks), None, normals, changes)
             if found is not None:
                 yield found
+
+    def _lit_at_once(self, surfels: Surfels) -> Surfels:
+        """Those but where the laser turns and lingers: what moves their mean is not what moves the point of their mean
+        time, and the few per cent that they are hold the scale of rig and motion where it is."""
+        t = np.clip(surfels.time, self.motion.begin, self.motion.end)
+        body = self.motion.rotation(t).inv().apply(surfels.mean - self.motion.position(t))
+        return surfels.select(self.scanner.lit(body, self._stamps(t), self.z))
 
     def _problem(self, matches: list[Matches]) -> NormalEquations:
         problem = NormalEquations(self.motion.size)

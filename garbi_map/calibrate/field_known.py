@@ -65,10 +65,20 @@ class Known:
 
     def within(self, begin_ns: int, end_ns: int) -> Known:
         """All of them if the first begins in a stretch, else none."""
-        if not self.patches:
-            return self
-        first = self.begin_ns + round(self.patches[0].begin * 1e9)
-        return self if begin_ns <= first < end_ns else Known()
+        return self if self.patches and begin_ns <= self._first_ns < end_ns else Known()
+
+    def refuse_beyond(self, begin_ns: int, end_ns: int) -> None:
+        """Raises GarbiError where there are patches and the first does not begin within the sweeps of a dive."""
+        if self.patches and not begin_ns <= self._first_ns < end_ns:
+            first, last = ((stamp - self.begin_ns) * 1e-9 for stamp in (begin_ns, end_ns))
+            raise GarbiError(
+                f"known patch 0: begins {self.patches[0].begin:g} s after the log's begin, where there is no sweep: "
+                f"they last from {first:.1f} to {last:.1f} s"
+            )
+
+    @property
+    def _first_ns(self) -> int:
+        return self.begin_ns + round(self.patches[0].begin * 1e9)
 
 
 def load_known(path: Path) -> tuple[Patch, ...]:

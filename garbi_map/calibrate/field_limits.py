@@ -34,7 +34,10 @@ def refuse_rig(where: str, registered: Registered, found: Finding) -> None:
     evidence = found.stretches
     matches = sum(one.matches for one in evidence)
     if matches < _FEWEST_MATCHES:
-        raise GarbiError(f"{where}: {many(matches, 'place')} seen by two sweeps: no overlap from which to check a rig")
+        raise GarbiError(
+            f"{where}: sweeps agree in {many(matches, 'place')}, at least {_FEWEST_MATCHES} are needed: they do not "
+            "overlap, the scene moves, or the rig is another"
+        )
     if _stillness(registered.trajectory) < _STILL:
         raise GarbiError(
             f"{where}: the vehicle hardly moves: sweeps from one place agree with any rig; use a dive with some sway"

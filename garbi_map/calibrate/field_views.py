@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from garbi_map.calibrate.field_rig import RigUnknowns
 from garbi_map.calibrate.scanner import LATENCY
+from garbi_map.calibrate.uncertainty import alpha_through
 from garbi_map.log.records import Floats, Mount, Stamps
 from garbi_map.rig import Rig
 from garbi_map.sweep import Angle
@@ -17,8 +18,8 @@ from garbi_map.sweep.store import SweepStore
 
 _MOMENT_NS = 10_000_000
 """To either side, over which the laser's rate is taken."""
-_SAME_NS = 4_000_000
-"""Within which the laser's angle hardly bends."""
+_BESIDE = 1e-3
+"""rad from the sheet at its mean time, beyond which a patch was not lit in one go."""
 _STEP = 0.05
 """Of a parameter's prior sigma, to either side, over which derivatives are taken."""
 
@@ -79,7 +80,7 @@ class UnknownScanner:
 
     def points(self, views: Views, z: Floats) -> Floats:
         """The points (n, 3) m in base_link that the corrected rig makes of the views; NaN where it makes none."""
-        alpha, _ = self.angle.at(views.stamp_ns + self._late_ns(z))
+        alpha = self._alpha(views.stamp_ns, z)
         seen = self.unknowns.at(z).triangulate(views.u, views.v, alpha[views.profile]).points
         return self._turn.apply(seen) + self.mount.translation
 
@@ -91,10 +92,11 @@ class UnknownScanner:
         """
         unknowns = self.unknowns
         rig, given = unknowns.at(z), unknowns.offsets(z)
-        u, v = rig.project(self._turn.inv().apply(points - self.mount.translation)).T
-        times, which = np.unique(stamp_ns // _SAME_NS, return_inverse=True)
-        times = times * _SAME_NS + self._late_ns(z)
-        alpha, before, after = (self.angle.at(times + k * _MOMENT_NS)[0][which] for k in (0, -1, 1))
+        seen = self._in_rig(points)
+        u, v = rig.project(seen).T
+        # not that of the moment: where a patch was lit for long, the sheet lies beside its mean at its mean time
+        alpha = alpha_through(rig.laser, seen)
+        before, after = (self._alpha(stamp_ns + side * _MOMENT_NS, z) for side in (-1, 1))
         out = np.zeros((len(points), 4, len(unknowns.names)))
         for k, (name, sigma) in enumerate(zip(unknowns.names, unknowns.sigma, strict=True)):
             if name == LATENCY:
@@ -112,6 +114,17 @@ class UnknownScanner:
         out = np.nan_to_num(out, posinf=0.0, neginf=0.0)
         out[:, :3] = np.einsum("ij,njk->nik", self._turn.as_matrix(), out[:, :3])
         return np.asarray(out @ unknowns.root)
+
+    def lit(self, points: Floats, stamp_ns: Stamps, z: Floats) -> NDArray[np.bool_]:
+        """Whether the sheet made with z passes through points (n, 3) in base_link at stamps (n,)."""
+        off = alpha_through(self.unknowns.at(z).laser, self._in_rig(points)) - self._alpha(stamp_ns, z)
+        return np.abs(np.remainder(off + np.pi, 2.0 * np.pi) - np.pi) < _BESIDE
+
+    def _alpha(self, stamp_ns: Stamps, z: Floats) -> Floats:
+        return self.angle.at(stamp_ns + self._late_ns(z))[0]
+
+    def _in_rig(self, points: Floats) -> Floats:
+        return np.asarray(self._turn.inv().apply(points - self.mount.translation), np.float64)
 
     @property
     def _turn(self) -> Rotation:

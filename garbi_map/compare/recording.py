@@ -36,7 +36,7 @@ def record_change(path: Path, found: Comparison, words: str) -> None:
     before = Mesh(before.vertices - origin, before.triangles, before.filled)
     after = Mesh(found.motion.apply(after.vertices) - origin, after.triangles, after.filled)
     with recording_file(
-        path, f"{found.first.title}, {found.second.title}", change_blueprint(before.vertices)
+        path, "change", f"{found.first.title}, {found.second.title}", change_blueprint(before.vertices)
     ) as recording:
         draw_surface(recording, before, style.BEFORE.path)
         draw_surface(recording, after, style.AFTER.path)

@@ -121,21 +121,22 @@ class Database:
         for submap in self.submaps:
             yield read_moving(self.path(submap.written.moving), submap.pose)
 
-    def surface(self, settings: SeabedSettings) -> SurfaceGrid:
-        """What all dives together know of the seabed; they must have been fused."""
-        return merge_memories(((self.path(one.memory or ""), one.tiles) for one in self.submaps), settings)
+    def surface(self, settings: SeabedSettings, most: int) -> SurfaceGrid:
+        """What all dives together know of the seabed, in no more cells than `most`; they must have been fused."""
+        fewer = settings.model_copy(update={"max_cells": min(settings.max_cells, most)})
+        return merge_memories(((self.path(one.memory or ""), one.tiles) for one in self.submaps), fewer)
 
     def trajectory(self) -> Trajectory:
-        """All dives' poses map <- base_link, in the order of their stamps."""
-        parts = [laid(read_poses(self.path(dive.trajectory)), dive.submaps) for dive in self.dives]
-        stamps = np.concatenate([part.stamp_ns for part in parts])
-        order = np.argsort(stamps, kind="stable")
-        return Trajectory(
-            stamps[order],
-            np.concatenate([part.position for part in parts])[order],
-            np.concatenate([part.quaternion for part in parts])[order],
-            np.concatenate([part.covariance for part in parts])[order],
-        )
+        """All dives' poses map <- base_link, in the order of their stamps; covariances, five sixths of each, are NaN."""
+        stamps, parts = [], []
+        for dive in self.dives:
+            own = laid(read_poses(self.path(dive.trajectory)), dive.submaps)
+            stamps.append(own.stamp_ns)
+            parts.append(np.hstack([own.position, own.quaternion]))
+        stamp_ns, poses = np.concatenate(stamps), np.concatenate(parts)
+        order = np.argsort(stamp_ns, kind="stable")
+        unknown = np.broadcast_to(np.float32(np.nan), (len(order), 6, 6))
+        return Trajectory(stamp_ns[order], poses[order, :3], poses[order, 3:], unknown)
 
     def remove_unnamed(self) -> None:
         """Remove what an interrupted run has written and no commit named, and what later commits replaced."""

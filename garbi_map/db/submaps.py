@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from garbi_map.aside import written_aside
 from garbi_map.errors import GarbiError
-from garbi_map.seabed import JudgedPoints, Points
+from garbi_map.seabed import JudgedPoints, Points, SweptPoints
 
 Floats = NDArray[np.float64]
 
@@ -112,28 +112,20 @@ class Submap:
 
     def sweeps(self, pose: Pose) -> Iterator[JudgedPoints]:
         """The points of each sweep, in `map`."""
-        slope = self._turned_gradient(pose)
+        placed, slope = _laid(tuple(self.points.T), tuple(self.gradient.T), 1.0, pose)
         cuts = np.flatnonzero(np.diff(self.sweep)) + 1
         for begin, end in zip(np.r_[0, cuts], np.r_[cuts, len(self.sweep)], strict=True):
             rows = slice(begin, end)
             yield JudgedPoints(
                 self.stamp_ns[rows],
-                pose.apply(self.points[rows]),
+                placed[rows],
                 self.sigma[rows],
                 self.intensity[rows],
                 np.zeros(end - begin, np.uint8),
-                gradient=slope[rows],
+                gradient=slope[rows].astype(np.float64),
                 noise=self.noise[rows].astype(np.float64) ** 2,
                 pose=self.pose[rows].astype(np.float64),
             )
-
-    def _turned_gradient(self, pose: Pose) -> Floats:
-        """The slope in `map`: that of the turned normal."""
-        turn = pose.rotation.as_matrix()
-        if np.array_equal(turn, np.eye(3)):
-            return self.gradient.astype(np.float64)
-        normal = np.column_stack([-self.gradient, np.ones(len(self.gradient))]) @ turn.T
-        return -normal[:, :2] / np.maximum(normal[:, 2:], 1e-3)
 
 
 def quantised(points: Floats, frame: Floats) -> NDArray[np.int32]:
@@ -189,6 +181,10 @@ def _coarse_intensity(intensity: NDArray[Any]) -> NDArray[np.uint16]:
     return np.clip(intensity * INTENSITY_STEPS, 0, 65535).astype(np.uint16)
 
 
+def _intensity(coarse: NDArray[np.uint16]) -> NDArray[np.float32]:
+    return coarse.astype(np.float32) / np.float32(INTENSITY_STEPS)
+
+
 def _write_columns(path: Path, columns: dict[str, NDArray[Any]]) -> None:
     import pyarrow as pa
 
@@ -201,8 +197,7 @@ def read_moving(path: Path, pose: Pose) -> Points:
     """What was seen through, in `map`. Raises GarbiError where the file is missing or damaged."""
     table = read_parquet(path)
     place = np.stack([table["x"], table["y"], table["z"]], axis=1) * STEP
-    intensity = table["intensity"].astype(np.float32) / np.float32(INTENSITY_STEPS)
-    return Points(table["stamp_ns"], pose.apply(place), table["sigma"], intensity)
+    return Points(table["stamp_ns"], pose.apply(place), table["sigma"], _intensity(table["intensity"]))
 
 
 def read_submap(path: Path) -> Submap:
@@ -221,8 +216,33 @@ def read_submap(path: Path) -> Submap:
         table["noise"],
         table["pose"],
         stacked("slope_x", "slope_y"),
-        table["intensity"].astype(np.float32) / np.float32(INTENSITY_STEPS),
+        _intensity(table["intensity"]),
     )
+
+
+def read_swept(path: Path, pose: Pose) -> SweptPoints:
+    """Of a submap at its pose what is fused. Raises GarbiError where the file is missing or damaged."""
+    table = read_parquet(path, ["x", "y", "z", "slope_x", "slope_y", "stamp_ns", "sweep", "noise", "pose", "intensity"])
+    placed, gradient = _laid((table["x"], table["y"], table["z"]), (table["slope_x"], table["slope_y"]), STEP, pose)
+    begins = np.flatnonzero(np.diff(table["sweep"], prepend=-1))
+    return SweptPoints(
+        placed,
+        np.repeat(np.arange(len(begins), dtype=np.int32), np.diff(begins, append=len(placed))),
+        table["stamp_ns"][begins] * 1e-9,
+        gradient,
+        table["noise"] ** 2,
+        table["pose"],
+        _intensity(table["intensity"]),
+    )
+
+
+def _laid(
+    place: tuple[NDArray[Any], ...], slope: tuple[NDArray[Any], ...], step: float, pose: Pose
+) -> tuple[Floats, NDArray[np.float32]]:
+    from garbi_map.db import kernels
+
+    placed, turned = kernels.lay(place, slope, step, pose.rotation.as_matrix(), pose.translation)
+    return placed, turned
 
 
 _REPEATED = ["camera_x", "camera_y", "camera_z", "stamp_ns", "sweep", "tile_a", "tile_b"]
@@ -252,13 +272,13 @@ def write_parquet(path: Path, table: Any) -> None:
             raise GarbiError(f"{path}: cannot be written: {error}") from error
 
 
-def read_parquet(path: Path) -> dict[str, NDArray[Any]]:
-    """The columns of a file, checksums verified. Raises GarbiError where it is missing or damaged."""
+def read_parquet(path: Path, columns: list[str] | None = None) -> dict[str, NDArray[Any]]:
+    """These columns of a file, or all, checksums verified. Raises GarbiError where it is missing or damaged."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     try:
-        table = pq.read_table(path, page_checksum_verification=True)
+        table = pq.read_table(path, columns=columns, page_checksum_verification=True)
         return {name: table[name].to_numpy() for name in table.column_names}
     except (OSError, pa.ArrowException) as error:
         why = " ".join(str(error).split())

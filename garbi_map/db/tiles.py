@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from garbi_map.db.submaps import Pose, read_parquet, read_submap, write_parquet
+from garbi_map.db.submaps import Pose, read_parquet, read_swept, write_parquet
 from garbi_map.keys import code_key, digest_of
-from garbi_map.seabed import SeabedSettings, SurfaceGrid
+from garbi_map.seabed import FusedCells, SeabedSettings, SurfaceGrid, fuse
 from garbi_map.seabed.cells import CELL
-from garbi_map.seabed.surface import TILE, coarseness
+from garbi_map.seabed.surface import coarseness
 
 Tiles = tuple[tuple[int, int, int], ...]
 """Of each tile its index along x and y, and how many of its cells were hit."""
@@ -24,45 +26,36 @@ def memory_name(submap: str, pose: Pose, settings: SeabedSettings) -> str:
 
 
 def fuse_submap(source: Path, pose: Pose, settings: SeabedSettings, target: Path) -> Tiles:
-    """Fuse the points of a submap at its pose, sweep by sweep, and write what its cells then remember.
+    """Fuse the points of a submap at its pose, and write what its cells then remember.
 
     Reads and writes files only, so that any worker can do it. Raises GarbiError.
     """
     import pyarrow as pa
 
-    grid = SurfaceGrid(settings)
-    for points in read_submap(source).sweeps(pose):
-        grid.add(points)
-    tiles = sorted(grid.tiles.items())
-    where = [(index, np.flatnonzero(tile["count"].ravel())) for index, tile in tiles]
-    hit = [tile.ravel()[cells] for (_, tile), (_, cells) in zip(tiles, where, strict=True)]
-    cells = np.concatenate(hit) if hit else np.zeros(0, CELL)
-    counts = [len(found) for _, found in where]
-    index = np.array([index for index, _ in where], np.int32).reshape(-1, 2)
-    columns = {
-        "tile_a": np.repeat(index[:, 0], counts),
-        "tile_b": np.repeat(index[:, 1], counts),
-        "cell": np.concatenate([found for _, found in where]).astype(np.int16) if where else np.zeros(0, np.int16),
-        **{name: np.ascontiguousarray(cells[name]) for name in CELL.names or ()},
+    fused = fuse(read_swept(source, pose), settings)
+    columns: dict[str, NDArray[Any]] = {
+        "tile_a": np.repeat(fused.tiles[:, 0], fused.counts),
+        "tile_b": np.repeat(fused.tiles[:, 1], fused.counts),
+        "cell": fused.cell,
+        **{name: np.empty(len(fused.cell), CELL[name]) for name in CELL.names or ()},
     }
+    for rows in _pieces(len(fused.cell)):
+        for name in CELL.names or ():
+            columns[name][rows] = fused.memory[name][rows]
     write_parquet(target, pa.table(columns))
-    return tuple((int(a), int(b), count) for (a, b), count in zip(index, counts, strict=True))
+    return tuple((a, b, count) for (a, b), count in zip(fused.tiles.tolist(), fused.counts.tolist(), strict=True))
 
 
-def read_memory(path: Path, settings: SeabedSettings) -> SurfaceGrid:
-    """The grid of one submap. Raises GarbiError where the file is missing or damaged."""
+def read_memory(path: Path) -> FusedCells:
+    """What the cells of one submap remember. Raises GarbiError where the file is missing or damaged."""
     table = read_parquet(path)
-    cells = np.zeros(len(table["cell"]), CELL)
-    for name in CELL.names or ():
-        cells[name] = table[name]
-    grid = SurfaceGrid(settings)
-    changes = (np.diff(table["tile_a"]) != 0) | (np.diff(table["tile_b"]) != 0)
-    cuts = np.flatnonzero(changes) + 1
-    for rows in np.split(np.arange(len(cells)), cuts) if len(cells) else []:
-        tile = np.zeros(TILE * TILE, CELL)
-        tile[table["cell"][rows]] = cells[rows]
-        grid.put((int(table["tile_a"][rows[0]]), int(table["tile_b"][rows[0]])), tile.reshape(TILE, TILE))
-    return grid
+    memory = np.empty(len(table["cell"]), CELL)
+    for rows in _pieces(len(memory)):
+        for name in CELL.names or ():
+            memory[name][rows] = table[name][rows]
+    tile = np.column_stack([table["tile_a"], table["tile_b"]])
+    begins = np.flatnonzero(np.r_[True, (np.diff(tile, axis=0) != 0).any(axis=1)])
+    return FusedCells(tile[begins], np.diff(np.r_[begins, len(tile)]), table["cell"], memory)
 
 
 def merge_memories(memories: Iterable[tuple[Path, Tiles]], settings: SeabedSettings) -> SurfaceGrid:
@@ -74,5 +67,11 @@ def merge_memories(memories: Iterable[tuple[Path, Tiles]], settings: SeabedSetti
     tiles = {(a, b) for _, own in memories for a, b, _ in own}
     grid = SurfaceGrid(settings, coarseness(tiles, settings), len(tiles))
     for path, _ in memories:
-        grid.merge(read_memory(path, settings))
+        grid.take(read_memory(path))
     return grid
+
+
+def _pieces(count: int) -> Iterator[slice]:
+    """Between rows and columns so many at a time as the processor's cache holds."""
+    for begin in range(0, count, 1 << 13):
+        yield slice(begin, begin + (1 << 13))

@@ -3,6 +3,7 @@
 from garbi_map.aside import write_text, written_aside
 from garbi_map.export.cloud import CloudWriter, also_copc, read_cloud
 from garbi_map.export.contours import write_contours
+from garbi_map.export.copc import POINT_BYTES
 from garbi_map.export.drift import correction
 from garbi_map.export.georeference import Georeference
 from garbi_map.export.glb import write_glb
@@ -19,6 +20,7 @@ from garbi_map.export.verdict import plain_verdict
 from garbi_map.export.weak import weak_places
 
 __all__ = [
+    "POINT_BYTES",
     "CloudWriter",
     "ExportSettings",
     "Georeference",

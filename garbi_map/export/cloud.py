@@ -5,19 +5,22 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import tempfile
 from contextlib import ExitStack
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
 from garbi_map.aside import written_aside
 from garbi_map.errors import GarbiError
 from garbi_map.export.georeference import Georeference
+from garbi_map.export.spool import Spool
 from garbi_map.seabed.types import Points
+
+if TYPE_CHECKING:
+    import laspy
 
 _INTENSITY_STEPS = 256  # 0..255 to the 16 bits of LAS
 OWN_RECORD = ("garbi", 1)
@@ -34,17 +37,21 @@ class CloudWriter:
     Raises GarbiError where the file cannot be written.
     """
 
-    def __init__(self, path: Path, scale: float = 1e-5, reference: Georeference | None = None) -> None:
+    def __init__(
+        self, path: Path, scale: float = 1e-5, reference: Georeference | None = None, at_once: int = 4_000_000
+    ) -> None:
+        """at_once: points of which no more are sorted in memory, POINT_BYTES of copc.py each."""
         self.count = 0
+        self._at_once = at_once
         self._path = path
         self._scale = scale
         self._reference = reference or Georeference()
-        self._header: Any = None
 
     def __enter__(self) -> Self:
+        self._header = self._made_header()
         with ExitStack() as stack:
             self._aside = stack.enter_context(written_aside(self._path))
-            self._spool = stack.enter_context(tempfile.TemporaryFile(dir=self._path.parent))
+            self._spool = stack.enter_context(Spool(self._path.parent, self._header.point_format.dtype()))
             self._stack = stack.pop_all()
         return self
 
@@ -56,10 +63,7 @@ class CloudWriter:
         if error is not None:
             return self._stack.__exit__(kind, error, trace)
         with self._stack:
-            if self._header is None:
-                self._begin(np.zeros(3), 0)
-            self._spool.flush()
-            write_copc(self._aside, self._spool, self._header)
+            write_copc(self._aside, self._spool, self._header, self._at_once)
         return None
 
     def write(self, points: Points) -> None:
@@ -67,8 +71,9 @@ class CloudWriter:
         if len(points.points) == 0:
             return
         own = self._reference
-        if self._header is None:
-            self._begin(np.floor(own.placed(points.points[:1])[0]), int(points.stamp_ns[0]))
+        if self.count == 0:
+            self._header.offsets = np.floor(own.placed(points.points[:1])[0])
+            self._header.creation_date = datetime.fromtimestamp(int(points.stamp_ns[0]) * 1e-9, UTC).date()
         record = np.zeros(len(points.points), self._header.point_format.dtype())
         # steps counted in float64 near zero: the offset takes the large part
         near = points.points * (own.scale, own.scale, 1.0) + (own.shift - self._header.offsets)
@@ -77,23 +82,24 @@ class CloudWriter:
         record["intensity"] = np.clip(points.intensity * _INTENSITY_STEPS, 0, 65535).astype(np.uint16)
         record["sigma"] = points.sigma
         record["bit_fields"] = 1 | 1 << 4  # return 1 of 1
-        self._spool.write(record.data)
+        self._spool.append(record)
         self.count += len(record)
 
-    def _begin(self, offset: np.ndarray, stamp_ns: int) -> None:
+    def _made_header(self) -> laspy.LasHeader:
+        """All but the offset and the date, which are the first point's: the same points, the same bytes."""
         import laspy
 
         header = laspy.LasHeader(version="1.4", point_format=6)
         header.scales = np.full(3, self._scale)
-        header.offsets = offset
+        header.offsets = np.zeros(3)
         header.generating_software = "garbi"
-        header.creation_date = datetime.fromtimestamp(stamp_ns * 1e-9, UTC).date()  # the same points, the same bytes
+        header.creation_date = datetime.fromtimestamp(0, UTC).date()
         header.global_encoding.wkt = True
         header.add_extra_dim(laspy.ExtraBytesParams("sigma", "float32", description="m, 1 sigma along the ray"))
         header.vlrs.append(laspy.vlrs.known.WktCoordinateSystemVlr(self._reference.wkt))
         own = json.dumps(self._reference.from_map()).encode()
         header.vlrs.append(laspy.VLR(*OWN_RECORD, "file to map frame, JSON", own))
-        self._header = header
+        return header
 
 
 def also_copc(path: Path) -> None:

@@ -7,26 +7,24 @@ from __future__ import annotations
 
 import os
 import struct
-import tempfile
 from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
-from typing import IO, TYPE_CHECKING
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from garbi_map.export.octree import SAMPLES, Cube, Key, nodes
+from garbi_map.export.spool import Records, Spool
 
 if TYPE_CHECKING:
     import laspy
 
-Records = NDArray[np.void]
-
-AT_ONCE = 4_000_000
-"""Points that are in memory at a time, 34 bytes each and as much again while they are sorted."""
+POINT_BYTES = 200
+"""Of memory for each point that is sorted at a time."""
 _DEEPEST = 6
-"""Halvings of the cube into parts, of which each is to have no more than AT_ONCE points."""
+"""Halvings of the cube into parts, of which each is to have no more points than are sorted at a time."""
 _BATCH = 64
 """Nodes that are compressed at a time."""
 _BLOCK = 1_000_000
@@ -36,15 +34,14 @@ _INFO, _HIERARCHY = 1, 1000
 _ENTRY = struct.Struct("<iiiiQii")
 
 
-def write_copc(path: Path, spool: IO[bytes], header: laspy.LasHeader) -> None:
-    """Write the packed records of a file in whatever order as COPC; memory does not grow with their number.
+def write_copc(path: Path, records: Spool, header: laspy.LasHeader, at_once: int) -> None:
+    """Write records in whatever order as COPC; memory grows with their number up to so many `at_once` only.
 
     header: LAS 1.4 with format, scales, offsets and every VLR but those of COPC and LASzip.
     """
     import laspy
     import lazrs
 
-    records = _mapped(spool, header.point_format.dtype())
     cube, times = _bounds(records, header)
     info = laspy.VLR("copc", _INFO, "COPC info", bytes(160))
     laz = lazrs.LazVlr.new_for_compression(header.point_format.id, header.point_format.num_extra_bytes, True)
@@ -55,7 +52,7 @@ def write_copc(path: Path, spool: IO[bytes], header: laspy.LasHeader) -> None:
         header.write_to(file)
         compressor = lazrs.ParLasZipCompressor(file, laz)
         compressor.reserve_offset_to_chunk_table()
-        chunks = _chunks(records, cube, path.parent)
+        chunks = _chunks(records, cube, path.parent, at_once)
         while batch := list(islice(chunks, _BATCH)):
             keys += [key for key, _ in batch]
             counts += [len(chunk) for _, chunk in batch]
@@ -80,11 +77,11 @@ def _info(cube: Cube, header: laspy.LasHeader, page: int, size: int, times: tupl
     return struct.pack("<5d2Q2d88x", *centre, half, 2 * half / 2**SAMPLES, page, size, *times)
 
 
-def _bounds(records: Records, header: laspy.LasHeader) -> tuple[Cube, tuple[float, float]]:
+def _bounds(records: Spool, header: laspy.LasHeader) -> tuple[Cube, tuple[float, float]]:
     """The octree's cube, and the first and last time; the header gets its counts and bounds."""
     low, high = np.zeros((2, 3), np.int64)
     times = np.zeros(2)
-    for number, block in enumerate(_blocks(records)):
+    for number, block in enumerate(records.blocks(_BLOCK)):
         steps, time = _steps(block), block["gps_time"]
         ends = steps.min(axis=0), steps.max(axis=0), np.array([time.min(), time.max()])
         if number == 0:
@@ -97,14 +94,44 @@ def _bounds(records: Records, header: laspy.LasHeader) -> tuple[Cube, tuple[floa
     return Cube.about(low, high), (float(times[0]), float(times[1]))
 
 
-def _chunks(records: Records, cube: Cube, folder: Path) -> Iterator[tuple[Key, Records]]:
+def _chunks(records: Spool, cube: Cube, folder: Path, at_once: int) -> Iterator[tuple[Key, Records]]:
     """Each node with its records in the order of time; what does not fit into memory is sorted in a file in `folder`."""
-    level, parts = 0, [slice(0, len(records))] if len(records) else []
-    if len(records) > AT_ONCE:
-        records, level, parts = _divided(records, cube, folder)
+    if len(records) <= at_once:
+        yield from _nodes(records, cube, 0, [slice(0, len(records))])
+        return
+    level, parts = _parts(records, cube, at_once)
+    with Spool(folder, records.dtype, len(records)) as divided:
+        at = np.zeros(8**level, np.int64)
+        at[list(parts)] = [part.start for part in parts.values()]
+        for block in records.blocks(_BLOCK):
+            place = cube.nodes_of(_steps(block), level)
+            block = block[np.argsort(place, kind="stable")]
+            count = np.bincount(place, minlength=len(at))
+            end = np.cumsum(count)
+            for one in np.flatnonzero(count).tolist():
+                divided.put(at[one], block[end[one] - count[one] : end[one]])
+            at += count
+        yield from _nodes(divided, cube, level, list(parts.values()))
+
+
+def _parts(records: Spool, cube: Cube, at_once: int) -> tuple[int, dict[int, slice]]:
+    """The first level whose nodes have no more records than `at_once`; and where those of each are to be, by its number."""
+    count = np.zeros(8**_DEEPEST, np.int64)
+    for block in records.blocks(_BLOCK):
+        count += np.bincount(cube.nodes_of(_steps(block), _DEEPEST), minlength=len(count))
+    level = _DEEPEST
+    while level > 1 and count.reshape(8 ** (level - 1), -1).sum(axis=1).max() <= at_once:
+        level -= 1
+    count = count.reshape(8**level, -1).sum(axis=1)
+    end = np.cumsum(count)
+    return level, {one: slice(int(end[one] - count[one]), int(end[one])) for one in np.flatnonzero(count).tolist()}
+
+
+def _nodes(records: Spool, cube: Cube, level: int, parts: list[slice]) -> Iterator[tuple[Key, Records]]:
+    """Of records that are sorted by the nodes of a level, each of which is a part."""
     above: dict[Key, list[Records]] = {}
     for part in parts:
-        mine = np.array(records[part])
+        mine = records.read(part)
         for key, rows in nodes(cube.codes(_steps(mine)), level):
             if key[0] < level:  # other parts lie in it, too
                 above.setdefault(key, []).append(mine[rows])
@@ -112,43 +139,6 @@ def _chunks(records: Records, cube: Cube, folder: Path) -> Iterator[tuple[Key, R
                 yield key, _in_time(mine[rows])
     for key, chunks in above.items():
         yield key, _in_time(np.concatenate(chunks))
-
-
-def _divided(records: Records, cube: Cube, folder: Path) -> tuple[Records, int, list[slice]]:
-    """The records sorted on disk by the nodes of a level, that level, and where the records of each such node are."""
-    count = np.zeros(8**_DEEPEST, np.int64)
-    for block in _blocks(records):
-        count += np.bincount(cube.nodes_of(_steps(block), _DEEPEST), minlength=len(count))
-    level = _DEEPEST
-    while level > 1 and count.reshape(8 ** (level - 1), -1).sum(axis=1).max() <= AT_ONCE:
-        level -= 1
-    count = count.reshape(8**level, -1).sum(axis=1)
-    begin = np.cumsum(count) - count
-    at = begin.copy()
-    with tempfile.TemporaryFile(dir=folder) as file:
-        out = _mapped(file, records.dtype, len(records))
-    for block in _blocks(records):
-        place = cube.nodes_of(_steps(block), level)
-        order = np.argsort(place, kind="stable")
-        mine = np.bincount(place, minlength=len(count))
-        end = np.cumsum(mine)
-        for one in np.flatnonzero(mine).tolist():
-            out[at[one] : at[one] + mine[one]] = block[order[end[one] - mine[one] : end[one]]]
-        at += mine
-    return out, level, [slice(begin[one], begin[one] + count[one]) for one in np.flatnonzero(count)]
-
-
-def _mapped(file: IO[bytes], dtype: np.dtype, count: int | None = None) -> Records:
-    """The records of a file; with a count, of one that is made so long. Raises OSError where the disk is full."""
-    if count is not None:  # a map onto a disk that turns out to be full would end the process
-        os.posix_fallocate(file.fileno(), 0, count * dtype.itemsize)
-    file.seek(0, os.SEEK_END)
-    return np.memmap(file, dtype, "r+") if file.tell() else np.zeros(0, dtype)
-
-
-def _blocks(records: Records) -> Iterator[Records]:
-    for first in range(0, len(records), _BLOCK):
-        yield records[first : first + _BLOCK]
 
 
 def _steps(records: Records) -> NDArray[np.int64]:

@@ -7,9 +7,18 @@ from pydantic import Field, field_validator
 from garbi_map.export.origin import Origin
 from garbi_map.settings import Settings
 
+_PROGRAM = 7e8
+"""Bytes of memory that code and libraries take, and what does not grow with the site."""
+
 
 class ExportSettings(Settings):
     """Every field says its unit."""
+
+    memory: float = Field(
+        default=2.0,
+        ge=1.0,
+        description="GB for making the map of however large a site: points beyond it are sorted on disk, and cells grow",
+    )
 
     origin: str | None = Field(
         default=None, description="LAT,LON[,HEADING], degrees: where the dive begins, and where the map's x axis points"
@@ -46,3 +55,7 @@ class ExportSettings(Settings):
     def place(self) -> Origin | None:
         """The origin that was given."""
         return None if self.origin is None else Origin.parse(self.origin)
+
+    def room_for(self, size: int) -> int:
+        """How many things of so many bytes fit into half of the memory beside the program: two files are made at a time."""
+        return int((1e9 * self.memory - _PROGRAM) / 2 / size)

@@ -13,6 +13,8 @@ from garbi_map.log.mcap_file import FileOptions, McapFile
 from garbi_map.log.records import Image, Mount
 from garbi_map.log.settings import Topics
 
+TF = "/tf"
+
 
 class LogWriter(McapFile):
     """A McapFile that knows the topics of a log and makes their messages."""
@@ -185,7 +187,10 @@ class LogWriter(McapFile):
         arrival_ns: int | None = None,
         frames: tuple[str, str] = ("odom", "base_link"),
     ) -> None:
-        """Write a pose of base_link in a fixed frame: position (3,) m, quaternion (4,) xyzw."""
+        """Write a pose of base_link in a fixed frame: position (3,) m, quaternion (4,) xyzw.
+
+        It is written as a transform on /tf too, which other viewers draw everything else by; nothing here reads that.
+        """
         zero = self._vector([0.0, 0.0, 0.0])
         message = self._make(
             "nav_msgs/msg/Odometry",
@@ -203,9 +208,16 @@ class LogWriter(McapFile):
             ),
         )
         self.write(self.topics.odometry, "nav_msgs/msg/Odometry", message, stamp_ns, arrival_ns)
+        pose = Mount(np.asarray(position, float), np.asarray(quaternion, float))
+        self._write_transforms(TF, stamp_ns, frames[0], {frames[1]: pose}, arrival_ns)
 
     def write_mounts(self, stamp_ns: int, mounts: Mapping[str, Mount], base: str = "base_link") -> None:
         """Write the poses of sensor frames in `base` as static transforms."""
+        self._write_transforms(self.topics.tf_static, stamp_ns, base, mounts)
+
+    def _write_transforms(
+        self, topic: str, stamp_ns: int, base: str, poses: Mapping[str, Mount], arrival_ns: int | None = None
+    ) -> None:
         transforms = [
             self._make(
                 "geometry_msgs/msg/TransformStamped",
@@ -213,14 +225,14 @@ class LogWriter(McapFile):
                 child_frame_id=frame,
                 transform=self._make(
                     "geometry_msgs/msg/Transform",
-                    translation=self._vector(mount.translation),
-                    rotation=self._quaternion(mount.quaternion),
+                    translation=self._vector(pose.translation),
+                    rotation=self._quaternion(pose.quaternion),
                 ),
             )
-            for frame, mount in mounts.items()
+            for frame, pose in poses.items()
         ]
         message = self._make("tf2_msgs/msg/TFMessage", transforms=transforms)
-        self.write(self.topics.tf_static, "tf2_msgs/msg/TFMessage", message, stamp_ns)
+        self.write(topic, "tf2_msgs/msg/TFMessage", message, stamp_ns, arrival_ns)
 
     def write_camera_info(
         self,

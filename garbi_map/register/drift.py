@@ -23,6 +23,7 @@ from garbi_map.register.factors import Calm, Factor, Patience
 from garbi_map.register.motion import Motion, Rows
 from garbi_map.register.normal_equations import NormalEquations
 from garbi_map.register.normals import Normals, common_normals, summed_normals
+from garbi_map.register.overlap import fitting, seen_by_both
 from garbi_map.register.scanner import Changes
 from garbi_map.register.settings import DriftSettings
 from garbi_map.register.surfels import Surfels, extract_surfels, join, match_surfels
@@ -30,9 +31,13 @@ from garbi_map.register.surfels import Surfels, extract_surfels, join, match_sur
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-_REACH = (0.6, 0.6, 0.9, 1.3, 1.3, 2.0, 2.0, 3.0, 4.5, 7.0, 10.0, 10.0, 20.0, 40.0, 80.0) + (np.inf,) * 8
+_REACH = (
+    *(0.6, 0.6, 0.9, 1.3, 1.3, 2.0, 2.0, 2.0, 3.0, 3.0, 4.5, 4.5),
+    *(7.0, 10.0, 10.0, 20.0, 40.0, 80.0),
+    *(np.inf,) * 8,
+)
 """Longest time between matched surfels in each round, s."""
-_NEAR = 9
+_NEAR = 12
 """Rounds that stay near in time: what they find is true locally, wherever the vehicle is."""
 _RESTRAINED = 4
 """Rounds in which a prior on the velocity keeps the inertial solution from running away."""
@@ -146,9 +151,8 @@ def estimate_drift(
         changes = scans.changes if settling or _PATIENCE <= k < _NEAR else None
         for fraction in fractions:
             surfels = scans.surfels(motion, sizes[k] * fraction, settings.surfel_points)
-            found = matched(
-                motion, surfels, gates[k], _REACH[k], sigmas[k], elsewhere, normals, changes, len(fractions)
-            )
+            belief = Belief(sigmas[k], sizes[k] if k < _NEAR else None, k >= _PATIENCE, len(fractions))
+            found = matched(motion, surfels, gates[k], _REACH[k], belief, elsewhere, normals, changes)
             distance = 0.0
             if found is not None:
                 found.add_to(problem)
@@ -165,6 +169,18 @@ def estimate_drift(
         rounds.append(Round(_REACH[k], matches, distance, float(np.abs(step[: motion.attitude_offset]).max())))
         progress(rounds[-1])
     return rounds, linearised(chosen[-1], common_normals)[0]
+
+
+@dataclass(frozen=True)
+class Belief:
+    """How far matches are believed: 1 sigma, m, at no lateral offset; voxel: size, m, of the surfels, if those beyond the
+    edge of the other sweep are to be left out; strict: whether sweeps that do not fit each other are; looks: how often the
+    same points are matched, as surfels of several sizes."""
+
+    sigma: float
+    voxel: float | None = None
+    strict: bool = False
+    looks: int = 1
 
 
 @dataclass(frozen=True)
@@ -192,16 +208,14 @@ def matched(
     surfels: Surfels,
     gate: float,
     reach: float,
-    sigma: float,
+    belief: Belief,
     settled: Surfels | None = None,
     normals: Normals = summed_normals,
     changes: Changes | None = None,
-    looks: int = 1,
 ) -> Matches | None:
     """What matched surfels say of the motion and of what else changes their points; None where there is no match.
 
-    Both poses are unknown, but for a settled surfel's, which stays where it is. looks: how often the same points are
-    matched, as surfels of several sizes.
+    Both poses are unknown, but for a settled surfel's, which stays where it is.
     """
     moving = len(surfels.mean)
     moves = {} if changes is None else _map_axes(changes, motion, surfels)
@@ -210,12 +224,21 @@ def matched(
     first, second = match_surfels(surfels, gate, reach)
     useful = (first < moving) | (second < moving)
     first, second = first[useful], second[useful]
+    if belief.voxel is not None:
+        whole = seen_by_both(surfels, first, second, belief.voxel)
+        first, second = first[whole], second[whole]
     if len(first) == 0:
         return None
     pair = surfels.sweep[first] * (surfels.sweep.max() + 1) + surfels.sweep[second]
     normal = normals(surfels.normal[first], surfels.normal[second], pair)
     between = surfels.mean[first] - surfels.mean[second]
     residual = np.einsum("nk,nk->n", normal, between)
+    if belief.strict:
+        fits = fitting(residual, pair, belief.sigma)
+        first, second = first[fits], second[fits]
+        normal, between, residual = normal[fits], between[fits], residual[fits]
+        if len(first) == 0:
+            return None
     lateral = np.sqrt(np.maximum(np.einsum("nk,nk->n", between, between) - residual**2, 0.0))
 
     # the normal turns with the two surfels, half with each; held still, it would tie the whole map to a heading
@@ -234,7 +257,7 @@ def matched(
                 out.constant(name, np.where(free[:, 0], -0.5 * residual * move[:, 3], 0.0))
         return out
 
-    sigmas = np.hypot(sigma, _LATERAL * lateral) * np.sqrt(looks * _repetition(first, second))
+    sigmas = np.hypot(belief.sigma, _LATERAL * lateral) * np.sqrt(belief.looks * _repetition(first, second))
     middle = 0.5 * (surfels.mean[first] + surfels.mean[second])
     return Matches(residual, sigmas, rows(first, 1.0) + rows(second, -1.0), middle)
 

@@ -52,7 +52,10 @@ def _spread(residual: Floats, least: float, most: float) -> float:
 
 
 class Acceleration:
-    """p'' = R (f - b) + g - (R l)'': the accelerometer, averaged over short bins.
+    """(1 + s) (p'' - g + (R l)'') = R (f - b): the accelerometer, averaged over short bins, with an unknown scale.
+
+    The scale stands with the motion, as in BottomTrack: on the noisy forces it would draw the whole map together, half a per
+    cent in a gentle swell.
 
     time (n,) s by the clock `imu_clock`, force (n, 3) m/s^2 in base_link axes, arm (n, 3) m/s^2: the acceleration of the
     sensor about base_link's origin, in base_link axes.
@@ -63,24 +66,29 @@ class Acceleration:
         self.sigma = 0.03
 
     def _residual(self, motion: Motion, t: Floats) -> tuple[Floats, Floats, Rotation]:
+        """(n, 3), what the motion makes of it before its scale (n, 3), and the attitude."""
         rotation = motion.rotation(t)
-        scale = 1.0 + motion.constants.number("accelerometer_scale")
-        force = rotation.apply(scale * self.force - self.arm)
-        bias = rotation.apply(motion.constants.vector("accelerometer_bias"))
-        return motion.position(t, 2) - (force - bias + GRAVITY), force, rotation
+        made = motion.position(t, 2) - GRAVITY + rotation.apply(self.arm)
+        felt = rotation.apply(self.force - motion.constants.vector("accelerometer_bias"))
+        return self._gain(motion) * made - felt, made, rotation
+
+    def _gain(self, motion: Motion) -> float:
+        return 1.0 + motion.constants.number("accelerometer_scale")
 
     def add(self, problem: NormalEquations, motion: Motion) -> None:
         t = self.time - motion.constants.number("imu_clock")
-        residual, force, rotation = self._residual(motion, t)
+        residual, made, rotation = self._residual(motion, t)
+        gain = self._gain(motion)
         matrix = rotation.as_matrix()
+        force = rotation.apply(self.force - gain * self.arm)
         advance = motion.advance(t, 2) if "imu_clock" in motion.constants else np.zeros_like(residual)
         for axis in range(3):
             unit = np.broadcast_to(_AXES[axis], (len(t), 3))
-            rows = motion.rows(t).position(unit, 2)
+            rows = motion.rows(t).position(gain * unit, 2)
             # force and prior attitude share their clock: a change of it moves neither against the other
-            rows.correction(np.cross(unit, force)).constant("imu_clock", -advance[:, axis])
+            rows.correction(np.cross(unit, force)).constant("imu_clock", -gain * advance[:, axis])
             rows.constant("accelerometer_bias", matrix[:, axis])
-            rows.constant("accelerometer_scale", -force[:, axis])
+            rows.constant("accelerometer_scale", made[:, axis])
             problem.add(residual[:, axis], self.sigma, rows.runs, 4.0, rows.tail)
 
     def reestimate(self, motion: Motion) -> None:

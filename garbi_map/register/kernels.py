@@ -190,6 +190,34 @@ def find_matches(asked, mean, normal, time, sweep, key, order, sorted_key, gate,
 
 
 @njit(cache=True, nogil=True)
+def sum_neighbours(asked, mean, sweep, order, sorted_key, begin, radius, key, offset, count):  # type: ignore[no-untyped-def]
+    """For each surfel that is asked the offsets (m) of those of its own sweep within `radius` (m), summed, and their number.
+
+    key holds voxel names for voxels of the size `radius`; order sorts by sweep, then key; begin (sweeps + 1,) is where each
+    sweep begins in that order. offset (n, 3) and count (n,) are filled.
+    """
+    for i in range(mean.shape[0]):
+        if not asked[i]:
+            continue
+        start, end = begin[sweep[i]], begin[sweep[i] + 1]
+        own = sorted_key[start:end]
+        for dx in range(-1, 2):
+            for dy in range(-1, 2):
+                low = key[i] + (dx << 42) + (dy << 21) - 1
+                s = np.searchsorted(own, low)
+                while s < end - start and own[s] <= low + 2:
+                    j = order[start + s]
+                    s += 1
+                    x, y, z = mean[j, 0] - mean[i, 0], mean[j, 1] - mean[i, 1], mean[j, 2] - mean[i, 2]
+                    if j == i or x * x + y * y + z * z > radius * radius:
+                        continue
+                    offset[i, 0] += x
+                    offset[i, 1] += y
+                    offset[i, 2] += z
+                    count[i] += 1
+
+
+@njit(cache=True, nogil=True)
 def accumulate_normal_equations(start, value, residual, weight, h, g):  # type: ignore[no-untyped-def]
     """h += J' W J, g += J' W r. A row of J is a few runs of twelve consecutive unknowns.
 

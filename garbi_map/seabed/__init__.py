@@ -1,15 +1,18 @@
 """The seabed: accepted points with sigma, an elevation grid with its uncertainty, a mesh."""
 
 from garbi_map.seabed.builder import SeabedBuilder, build_seabed
+from garbi_map.seabed.fusion import FusedCells, SweptPoints, fuse
 from garbi_map.seabed.holes import fill_holes
 from garbi_map.seabed.mesh import triangulate
 from garbi_map.seabed.settings import OutlierSettings, SeabedSettings, SolidSettings
 from garbi_map.seabed.solid import SolidSurface
-from garbi_map.seabed.surface import SurfaceGrid
+from garbi_map.seabed.surface import CELL_BYTES, SurfaceGrid
 from garbi_map.seabed.types import AcceptedPoints, JudgedPoints, Mesh, Points, Seabed, Verdict
 
 __all__ = [
+    "CELL_BYTES",
     "AcceptedPoints",
+    "FusedCells",
     "JudgedPoints",
     "Mesh",
     "OutlierSettings",
@@ -20,8 +23,10 @@ __all__ = [
     "SolidSettings",
     "SolidSurface",
     "SurfaceGrid",
+    "SweptPoints",
     "Verdict",
     "build_seabed",
     "fill_holes",
+    "fuse",
     "triangulate",
 ]

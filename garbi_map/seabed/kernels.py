@@ -4,6 +4,8 @@
 import numpy as np
 from numba import njit
 
+from garbi_map.seabed.cells import TILE, TILE_BITS
+
 
 @njit(cache=True, nogil=True)
 def _pose_variance(covariance, d, lever):
@@ -63,25 +65,26 @@ def point_errors(placed, profile, sigma, rig_position, base_position, covariance
 
 
 @njit(cache=True, nogil=True)
-def _add_point(cell, z, noise_variance, pose_deviation, intensity):
-    """Take a point into the memory of one sweep (West's weighted update); what `_seal` closes is open until then."""
+def _add_point(cell, rise, noise_variance, pose_deviation, intensity):
+    """Take a point that lies `rise` above the sweep's first into the memory of one sweep: sums, until `_seal` closes it."""
     weight = 1.0 / (noise_variance + pose_deviation * pose_deviation)
-    total = cell.weight + weight
-    share = weight / total
-    step = z - cell.z
     cell.count += 1
-    cell.z += share * step
-    cell.within += weight * step * (z - cell.z)
+    cell.weight += weight
+    cell.z += weight * rise
+    cell.within += weight * rise * rise
     cell.within_expected += weight * noise_variance
     cell.noise += weight * weight * noise_variance
     cell.pose += weight * pose_deviation
-    cell.intensity += share * (intensity - cell.intensity)
-    cell.weight = total
+    cell.intensity += weight * intensity
 
 
 @njit(cache=True, nogil=True)
-def _seal(cell, seen):
+def _seal(cell, first_z, seen):
     """Close the memory of one sweep, which began at `seen` s: its pose errors are one error."""
+    mean_rise = cell.z / cell.weight
+    cell.within = max(cell.within - mean_rise * cell.z, 0.0)
+    cell.z = first_z + mean_rise
+    cell.intensity /= cell.weight
     cell.sweeps = 1
     cell.first = cell.last = seen
     cell.leading = cell.lasting = cell.pose
@@ -138,77 +141,108 @@ def _merge_cell(into, other, memory):
 
 
 @njit(cache=True, nogil=True)
-def tile_span(placed, chosen, cell_side, tile):
-    """Index (2,) along x and y of the first tile of tile x tile cells that has a chosen point, and of the last."""
-    low, high = np.full(2, np.inf), np.full(2, -np.inf)
+def cells_of(placed, side):
+    """Index (n, 2) of the cell of each point along x and y, and of the first and of the last tile (2,)."""
+    index = np.empty((len(placed), 2), np.int32)
+    low, high = np.full(2, np.iinfo(np.int32).max), np.full(2, np.iinfo(np.int32).min)
     for i in range(len(placed)):
-        if chosen[i]:
-            for k in range(2):
-                low[k] = min(low[k], placed[i, k])
-                high[k] = max(high[k], placed[i, k])
-    return (np.floor(low / cell_side) // tile).astype(np.int64), (np.floor(high / cell_side) // tile).astype(np.int64)
+        for k in range(2):
+            index[i, k] = at = int(np.floor(placed[i, k] / side))
+            low[k] = min(low[k], at)
+            high[k] = max(high[k], at)
+    return index, low >> TILE_BITS, high >> TILE_BITS
 
 
 @njit(cache=True, nogil=True)
-def mark_tiles(placed, chosen, cell_side, tile, first, marked):
-    """Set marked[a, b] for every tile of tile x tile cells, counted from `first`, in which a chosen point lies."""
-    for i in range(len(placed)):
-        if chosen[i]:
-            column = int(np.floor(placed[i, 0] / cell_side))
-            row = int(np.floor(placed[i, 1] / cell_side))
-            marked[column // tile - first[0], row // tile - first[1]] = True
+def sort_by_cell(index, first, span):
+    """Points in the order of tiles, of cells in a tile, and as they come: one counting sort.
 
-
-@njit(cache=True, nogil=True)
-def fuse_sweep(
-    placed, chosen, gradient, noise, pose, intensity, floor, cell_side, first, slot_of, cells, entry_of, seen, memory
-):
-    """Take the chosen points of one sweep into the grid.
-
-    slot_of (a, b) finds the slot of a tile counted from tile `first`; cells (slots, tile, tile) of CELL, first index
-    along x; entry_of, of the same shape, is -1 everywhere before and after: it finds a cell's memory of this sweep.
-    seen: when the sweep began, s; memory: s in which the path's errors forget themselves.
+    index (n, 2) of cells; first (2,), span (2,): of the tiles. Returns the order (n,), the tiles (t, 2) that were hit, and
+    where the points of each cell of these begin (t TILE^2 + 1,).
     """
-    tile = cells.shape[1]
-    own = np.zeros(np.count_nonzero(chosen), cells.dtype)
-    home = np.empty((len(own), 3), np.int32)
+    number = np.full((span[0], span[1]), -1, np.int32)
+    for i in range(len(index)):
+        number[(index[i, 0] >> TILE_BITS) - first[0], (index[i, 1] >> TILE_BITS) - first[1]] = 0
+    tiles = np.empty((np.count_nonzero(number == 0), 2), np.int32)
     used = 0
-    for i in range(len(placed)):
-        if not chosen[i]:
-            continue
-        column = int(np.floor(placed[i, 0] / cell_side))
-        row = int(np.floor(placed[i, 1] / cell_side))
-        slot = slot_of[column // tile - first[0], row // tile - first[1]]
-        a, b = column % tile, row % tile
-        entry = entry_of[slot, a, b]
-        if entry < 0:
-            entry = used
-            entry_of[slot, a, b] = used
-            home[used, 0], home[used, 1], home[used, 2] = slot, a, b
-            used += 1
-        _add_point(
-            own[entry],
-            placed[i, 2]
-            + gradient[i, 0] * ((column + 0.5) * cell_side - placed[i, 0])
-            + gradient[i, 1] * ((row + 0.5) * cell_side - placed[i, 1]),
-            max(noise[i], floor * floor),
-            pose[i],
-            intensity[i],
-        )
-    for entry in range(used):
-        slot, a, b = home[entry, 0], home[entry, 1], home[entry, 2]
-        _seal(own[entry], seen)
-        _merge_cell(cells[slot, a, b], own[entry], memory)
-        entry_of[slot, a, b] = -1
+    for a in range(span[0]):
+        for b in range(span[1]):
+            if number[a, b] == 0:
+                number[a, b] = used
+                tiles[used, 0], tiles[used, 1] = a + first[0], b + first[1]
+                used += 1
+    place = np.empty(len(index), np.int32)
+    begin = np.zeros(used * TILE * TILE + 1, np.int32)
+    for i in range(len(index)):
+        column, row = index[i, 0], index[i, 1]
+        tile = number[(column >> TILE_BITS) - first[0], (row >> TILE_BITS) - first[1]]
+        place[i] = (tile * TILE + (column & (TILE - 1))) * TILE + (row & (TILE - 1))
+        begin[place[i] + 1] += 1
+    begin = np.cumsum(begin).astype(np.int32)
+    following = begin[:-1].copy()
+    order = np.empty(len(index), np.int32)
+    for i in range(len(index)):
+        order[following[place[i]]] = i
+        following[place[i]] += 1
+    return order, tiles, begin
 
 
 @njit(cache=True, nogil=True)
-def merge_tile(into, other, factor, memory):
-    """Merge tile `other` into tile `into` (CELL), factor x factor cells into one.
+def fuse_cells(
+    order, begin, hit, index, placed, sweep, seen, gradient, noise, pose, intensity, floor, side, memory, own, cells
+):
+    """Fuse the points of every cell, sweep by sweep, into cells (k,) of CELL, all zero.
 
-    Points of one sweep in neighbouring cells then count as two sweeps of one moment.
+    order, begin: as `sort_by_cell` leaves them; hit (k,): which cells have points; index (n, 2) of each point's cell;
+    sweep (n,) of each point, ascending; seen (s,): when each sweep began, s; memory: s in which the path's errors forget
+    themselves; own (1,) of OPEN_CELL, zero, to work in.
     """
-    for a in range(other.shape[0]):
-        for b in range(other.shape[1]):
-            if other[a, b].count > 0:
-                _merge_cell(into[a // factor, b // factor], other[a, b], memory)
+    empty = np.zeros_like(own)
+    for k in range(len(hit)):
+        now, first_z = -1, 0.0
+        for j in range(begin[hit[k]], begin[hit[k] + 1]):
+            i = order[j]
+            z = (
+                placed[i, 2]
+                + gradient[i, 0] * ((index[i, 0] + 0.5) * side - placed[i, 0])
+                + gradient[i, 1] * ((index[i, 1] + 0.5) * side - placed[i, 1])
+            )
+            if sweep[i] != now:
+                if now >= 0:
+                    _seal(own[0], first_z, seen[now])
+                    _merge_cell(cells[k], own[0], memory)
+                own[0] = empty[0]
+                now, first_z = sweep[i], z
+            _add_point(own[0], z - first_z, max(noise[i], floor * floor), pose[i], intensity[i])
+        _seal(own[0], first_z, seen[now])
+        _merge_cell(cells[k], own[0], memory)
+
+
+@njit(cache=True, nogil=True)
+def merge_cells(tiles, slot, cell, cells, factor, memory):
+    """Merge cells (k,) of CELL, of number `cell` (k,) in their tile, into tiles (slots, side, side) at `slot` (k,).
+
+    factor x factor cells become one: points of one sweep in neighbouring cells then count as two sweeps of one moment.
+    """
+    for k in range(len(cells)):
+        a, b = cell[k] // TILE // factor, cell[k] % TILE // factor
+        _merge_cell(tiles[slot[k], a, b], cells[k], memory)
+
+
+@njit(cache=True, nogil=True)
+def paint(field, slot_of, first, raster):
+    """Write one field (slots, side, side) of all tiles, first index along x, into a raster (rows, columns).
+
+    slot_of (a, b) is -1 where there is no tile; first (2,): the cell along x and y, counted from tile (0, 0), at
+    raster[0, 0]. No cell may be beyond the raster but those that were not hit.
+    """
+    side = field.shape[1]
+    rows, columns = raster.shape
+    for a in range(slot_of.shape[0]):
+        for b in range(slot_of.shape[1]):
+            if slot_of[a, b] < 0:
+                continue
+            tile = field[slot_of[a, b]]
+            for i in range(max(0, first[0] - a * side), min(side, first[0] + columns - a * side)):
+                for j in range(max(0, first[1] - b * side), min(side, first[1] + rows - b * side)):
+                    raster[b * side + j - first[1], a * side + i - first[0]] = tile[i, j]

@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from garbi_map.errors import GarbiError
-from garbi_map.seabed.cells import CELL
+from garbi_map.seabed.cells import CELL, TILE
+from garbi_map.seabed.fusion import FusedCells, SweptPoints, fuse
 from garbi_map.seabed.settings import SeabedSettings
 from garbi_map.seabed.types import JudgedPoints, Seabed
 
-TILE = 64  # cells along a side of a tile; a power of two, so that tiles coarsen evenly
+CELL_BYTES = 150
+"""Of memory for each cell of a raster while it is made: what the cell remembers, and a few fields at a time."""
 _EDGE = 9.0  # times the usual scatter, three sigma: noise hardly does that, an edge in the cell does
-_MAX_SPAN = 1 << 13  # tiles along an axis that one sweep may span
 
 
 class SurfaceGrid:
@@ -31,115 +32,65 @@ class SurfaceGrid:
         self._factor = factor
         self._tiles: dict[tuple[int, int], int] = {}
         self._cells = np.zeros((room, TILE // factor, TILE // factor), CELL)
-        self._entries = np.full(self._cells.shape, -1, np.int32)
-
-    @property
-    def tiles(self) -> dict[tuple[int, int], NDArray[np.void]]:
-        """The memory (TILE, TILE) of each tile, views."""
-        return {index: self._cells[slot] for index, slot in self._tiles.items()}
 
     def add(self, points: JudgedPoints) -> None:
         """Take in the accepted points of one whole sweep."""
-        if len(points.points):
-            chosen, begin = np.ones(len(points.points), np.bool_), float(points.stamp_ns[0] * 1e-9)
-            self.add_sweep(points.points, chosen, points.gradient, points.noise, points.pose, points.intensity, begin)
+        if len(points.points) == 0:
+            return
+        swept = SweptPoints(
+            points.points,
+            np.zeros(len(points.points), np.int32),
+            np.array([points.stamp_ns[0] * 1e-9]),
+            *(part.astype(np.float32) for part in (points.gradient, points.noise, points.pose, points.intensity)),
+        )
+        self.take(fuse(swept, self._settings))
 
-    def add_sweep(
-        self,
-        placed: NDArray[np.float64],
-        chosen: NDArray[np.bool_],
-        gradient: NDArray[np.float64],
-        noise: NDArray[np.float64],
-        pose: NDArray[np.float64],
-        intensity: NDArray[np.float32],
-        seen: float = np.nan,
-    ) -> None:
-        """Take in the chosen (n,) points (n, 3) in `map` of one whole sweep.
-
-        gradient (n, 2) is the slope of the surface at a point, along x and y; noise (n,) is the variance of its
-        elevation by errors of its own, m^2; pose (n,) the deviation by errors that it shares with the sweep, m; seen: when
-        the sweep began, s: what follows closely shares errors of its poses.
-        """
+    def take(self, fused: FusedCells) -> None:
+        """Take in what the cells remember of other sweeps."""
         from garbi_map.seabed import kernels
 
-        if not chosen.any():
-            return
-        cell = self._settings.cell
-        first, last = kernels.tile_span(placed, chosen, cell, TILE)
-        span = last - first + 1
-        if span.max() > _MAX_SPAN:
-            raise GarbiError(
-                f"one sweep spans {span.max() * TILE * cell:.0f} m: its trajectory jumps, or seabed.cell is too small"
-            )
-        marked = np.zeros(span, np.bool_)
-        kernels.mark_tiles(placed, chosen, cell, TILE, first, marked)
-        slot_of = np.full(span, -1, np.int32)
-        for a, b in np.argwhere(marked):
-            slot_of[a, b] = self._slot((int(first[0] + a), int(first[1] + b)))
-        kernels.fuse_sweep(
-            placed,
-            chosen,
-            gradient,
-            noise,
-            pose,
-            intensity,
-            self._settings.sigma_floor,
-            cell,
-            first,
-            slot_of,
+        slots = np.array([self._slot((a, b)) for a, b in fused.tiles.tolist()], np.int32)
+        kernels.merge_cells(
             self._cells,
-            self._entries,
-            seen,
+            np.repeat(slots, fused.counts),
+            fused.cell,
+            fused.memory,
+            self._factor,
             self._settings.pose_memory,
         )
 
-    def put(self, index: tuple[int, int], cells: NDArray[np.void]) -> None:
-        """Set the memory (TILE, TILE) of a tile to what another grid had there."""
-        slot = self._slot(index)  # which may move the cells
-        self._cells[slot] = cells
-
     def merge(self, other: SurfaceGrid) -> None:
         """Take in all that another grid, of the same cell size, no coarser and of other sweeps, has seen."""
-        from garbi_map.seabed import kernels
-
         if other._settings.cell != self._settings.cell:
             raise GarbiError(
                 f"grids of {self._settings.cell} m and {other._settings.cell} m cells do not merge: set one seabed.cell"
             )
-        for index, tile in other.tiles.items():
-            slot = self._slot(index)
-            kernels.merge_tile(self._cells[slot], tile, self._factor // other._factor, self._settings.pose_memory)
+        for index in other._tiles:
+            self.take(other._fused(index))
 
     def finish(self) -> Seabed:
         """The grid as dense rasters over all that was seen; a copy, so that the grid may go on growing.
 
         Raises GarbiError when nothing was seen.
         """
-        from garbi_map.seabed import kernels
-
         if not self._tiles:
             raise GarbiError("no point of the seabed was accepted: there is no map to make")
-        index = np.array(list(self._tiles))
-        low = index.min(0)
-        span = index.max(0) - low + 1
-        factor = max(self._factor, coarseness(self._tiles, self._settings))
-        part, cell = TILE // factor, self._settings.cell * factor
-        bands = {name: np.zeros(span * part, CELL.fields[name][0]) for name in CELL.names or () if CELL.fields}
-        for (a, b), tile in self.tiles.items():
-            coarse = np.zeros((part, part), CELL)
-            kernels.merge_tile(coarse, tile, factor // self._factor, self._settings.pose_memory)
-            at = (
-                slice((a - low[0]) * part, (a - low[0] + 1) * part),
-                slice((b - low[1]) * part, (b - low[1] + 1) * part),
-            )
-            for name, band in bands.items():
-                band[at] = coarse[name]
-        hit = bands["count"] > 0
-        inside = tuple(slice(int(k.min()), int(k.max()) + 1) for k in np.nonzero(hit))
-        corner = [float((low[k] * part + inside[k].start) * cell) for k in (0, 1)]
+        factor = coarseness(self._tiles, self._settings)
+        if factor > self._factor:
+            coarse = SurfaceGrid(self._settings, factor, len(self._tiles))
+            coarse.merge(self)
+            return coarse.finish()
+        cell = self._settings.cell * self._factor
         window = max(3, 2 * round(0.5 * self._settings.agreement_window / cell) + 1)
-        cropped = {name: np.ascontiguousarray(bands.pop(name)[inside].T) for name in list(bands)}  # one at a time
-        return _rasters(cropped, (corner[0], corner[1]), cell, window)
+        bands = _Bands(self._tiles, self._cells)
+        return _rasters(bands, (float(bands.corner[0] * cell), float(bands.corner[1] * cell)), cell, window)
+
+    def _fused(self, index: tuple[int, int]) -> FusedCells:
+        """One tile."""
+        tile = self._cells[self._tiles[index]]
+        a, b = np.nonzero(tile["count"])
+        number = ((a * TILE + b) * self._factor).astype(np.int16)
+        return FusedCells(np.array([index], np.int32), np.array([len(a)]), number, tile[a, b])
 
     def _slot(self, index: tuple[int, int]) -> int:
         slot = self._tiles.get(index)
@@ -147,8 +98,36 @@ class SurfaceGrid:
             slot = self._tiles[index] = len(self._tiles)
             if slot == len(self._cells):
                 self._cells = np.concatenate([self._cells, np.zeros_like(self._cells)])
-                self._entries = np.concatenate([self._entries, np.full_like(self._entries, -1)])
         return slot
+
+
+class _Bands:
+    """The fields of CELL as rasters (rows, columns) over all that was seen, each made anew when it is asked for.
+
+    corner (2,): index of cell (0, 0) along x and y.
+    """
+
+    def __init__(self, tiles: dict[tuple[int, int], int], cells: NDArray[np.void]) -> None:
+        index = np.array(list(tiles))
+        low, side = index.min(axis=0), cells.shape[1]
+        span = index.max(axis=0) - low + 1
+        self._cells = cells
+        self._slot_of = np.full(span, -1, np.int32)
+        self._slot_of[tuple((index - low).T)] = list(tiles.values())
+        self._first = np.zeros(2, np.int64)
+        self._shape = (int(span[1]) * side, int(span[0]) * side)
+        hit = self["count"] > 0
+        inside = [np.flatnonzero(hit.any(axis=k)) for k in (0, 1)]
+        self._first = np.array([along[0] for along in inside])
+        self._shape = (int(np.ptp(inside[1])) + 1, int(np.ptp(inside[0])) + 1)
+        self.corner = low * side + self._first
+
+    def __getitem__(self, name: str) -> NDArray:
+        from garbi_map.seabed import kernels
+
+        raster = np.zeros(self._shape, self._cells.dtype[name])
+        kernels.paint(self._cells[name], self._slot_of, self._first, raster)
+        return raster
 
 
 def coarseness(tiles: Iterable[tuple[int, int]], settings: SeabedSettings) -> int:
@@ -161,7 +140,7 @@ def coarseness(tiles: Iterable[tuple[int, int]], settings: SeabedSettings) -> in
     return factor
 
 
-def _rasters(bands: dict[str, NDArray], origin: tuple[float, float], cell: float, window: int) -> Seabed:
+def _rasters(bands: _Bands, origin: tuple[float, float], cell: float, window: int) -> Seabed:
     """Rasters of the merged memories (rows, columns) of cells."""
     known = bands["count"] > 0
     weight = np.where(known, bands["weight"], 1.0)
@@ -181,9 +160,7 @@ def _rasters(bands: dict[str, NDArray], origin: tuple[float, float], cell: float
     )
 
 
-def excess(
-    bands: dict[str, NDArray], weight: NDArray[np.float64], window: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def excess(bands: _Bands, weight: NDArray[np.float64], window: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """By what factors the points' noise, and then the sweeps' means, vary more than claimed (Birge ratios), at least 1.
 
     Summed over a window of cells. The first sees noise and roughness finer than a cell, the second poses that are

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from garbi_map.view import style
+from garbi_map.view.thin import thinned
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -15,30 +16,39 @@ if TYPE_CHECKING:
     from rerun.blueprint import Blueprint, EyeControls3D, View
     from rerun.encodings import EntityPathLike
 
-SURFACE = "Surface"
+SURFACE, TRUTH = "Surface", "Truth"
 _FROM = np.array([-0.42, -0.58, 0.46])
-"""Where the first look comes from, in sizes of the scene: astern, from starboard, above."""
-_VEHICLE = 0.45
+"""Where the first look comes from: astern, from starboard, above."""
+_FIELD = np.tan(np.deg2rad(55.0 / 2)) * np.array([1.5, 1.0])
+"""Half of what the viewer's eye sees at 1 m, across and up, m; as wide as on a narrow screen."""
+_FILLED = 0.9
+"""Share of that which the scene fills at first."""
+_VEHICLE = np.array([0.65, 0.45, 0.35])
 """m from the vehicle's centre to its outside."""
+_LOOKED_AT = 4000
+"""Points that the first look is made for."""
 _OF_THE_MAP = ("Uncertainty", "Residual")
 """Colourings that are seen without the vehicle: it would hide what they are for."""
 _LATELY = 4.0
 """s of profiles that are seen at once in a log."""
 
 
-def map_blueprint(seabed: NDArray, route: NDArray, speed: float) -> Blueprint:
+def map_blueprint(seabed: NDArray, route: NDArray, speed: float, truth: NDArray | None = None) -> Blueprint:
     """The layout of a map's recording.
 
     seabed (n, 3) and route (m, 3), m: what the first look must hold; speed: how many times faster than it was recorded
-    it plays, at least 1.
+    it plays, at least 1; truth: the true surface (k, 3) m, None where there is none.
     """
     import rerun.blueprint as rrb
 
-    eye = _first_look(seabed, route)
-    near = _first_look(seabed, seabed, 0.0)
+    eye = _first_look(seabed, _vehicle_on(route))
+    near = _first_look(seabed)
     scenes = [_coloured(one, near if one.name in _OF_THE_MAP else eye) for one in style.COLOURINGS]
     hidden = [style.POINTS, style.PROFILE, style.SHEET, style.POSE_SIGMA, style.REJECTED, style.LOOPS]
-    scenes.append(_scene(SURFACE, [f"- /{thing.path}" for thing in hidden], eye, {}))
+    scenes.append(_scene(SURFACE, [f"- /{thing.path}" for thing in (*hidden, style.TRUTH_SURFACE)], eye, {}))
+    if truth is not None:
+        eye = _first_look(truth, _vehicle_on(route))
+        scenes.append(_scene(TRUTH, [f"- /{thing.path}" for thing in (*hidden, style.MESH)], eye, {}))
     curves = rrb.Tabs(
         rrb.Vertical(_plot(style.DRIFT_POSITION), _plot(style.DRIFT_TILT), name="Drift"),
         rrb.Vertical(_plot(style.DRIFT_YAW), name="Heading"),
@@ -76,7 +86,7 @@ def decision_blueprint() -> Blueprint:
     """The layout of what behaviours decided: seen from starboard, in the vehicle's frame."""
     import rerun.blueprint as rrb
 
-    eye = rrb.EyeControls3D(position=(0.1, -3.7, 2.1), look_target=(0.8, 0.0, -0.1), eye_up=(0, 0, 1))
+    eye = rrb.EyeControls3D(position=(0.1, -3.9, 1.6), look_target=(0.8, 0.0, 0.0), eye_up=(0, 0, 1))
     scene = rrb.Spatial3DView(
         origin=style.VEHICLE,
         name="Surroundings, the vehicle stands still",
@@ -106,7 +116,7 @@ def change_blueprint(seabed: NDArray) -> Blueprint:
     """The layout of two maps that are compared; seabed (n, 3) m: what the first look must hold."""
     import rerun.blueprint as rrb
 
-    eye = _first_look(seabed, seabed, 0.0)
+    eye = _first_look(seabed)
     scenes = [
         _scene("What changed", [f"- /{style.AFTER.path}"], eye, {}),
         _scene("Before", [f"- /{style.AFTER.path}", "- /map/changes/**"], eye, {}),
@@ -124,7 +134,8 @@ def work_blueprint() -> Blueprint:
     scene = rrb.Spatial3DView(
         origin=style.WORLD, name="The map as it grows", background=style.BACKGROUND, line_grid=False
     )
-    return rrb.Blueprint(scene, *_panels(1.0))
+    words = rrb.TextDocumentView(origin=style.ABOUT, name="What is this?")
+    return rrb.Blueprint(rrb.Vertical(scene, words, row_shares=[0.88, 0.12]), *_panels(1.0))
 
 
 def _screen(scene: Any, curves: Any, speed: float) -> Blueprint:
@@ -162,7 +173,7 @@ def _coloured(colouring: style.Colouring, eye: EyeControls3D) -> View:
         "Points3D:colors", ComponentSourceKind.SourceComponent, source_component=colouring.component
     )
     shown = [rr.Points3D.from_fields().visualizer(mappings=[source]), _until_now()]
-    hidden = [style.MESH]
+    hidden = [style.MESH, style.TRUTH_SURFACE]
     if colouring.name not in ("Uncertainty", "Sweep"):
         hidden.append(style.POSE_SIGMA)
     if colouring.name != "Residual":
@@ -189,15 +200,28 @@ def _scene(name: str, without: list[str], eye: EyeControls3D, overrides: Mapping
     )
 
 
-def _first_look(seabed: NDArray, route: NDArray, around: float = _VEHICLE) -> EyeControls3D:
+def _first_look(*shown: NDArray) -> EyeControls3D:
+    """An eye that sees all of some points (n, 3) m, and little else."""
     import rerun.blueprint as rrb
 
-    low = np.minimum(seabed.min(axis=0), route.min(axis=0) - around)
-    high = np.maximum(seabed.max(axis=0), route.max(axis=0) + around)
-    target = (low + high) / 2
-    return rrb.EyeControls3D(
-        position=target + float(np.linalg.norm(high - low)) * _FROM, look_target=target, eye_up=(0, 0, 1)
-    )
+    points = np.concatenate([part[thinned(len(part), _LOOKED_AT)] for part in shown])
+    back = _FROM / np.linalg.norm(_FROM)
+    right = np.cross([0.0, 0.0, 1.0], back)
+    right /= np.linalg.norm(right)
+    axes = np.stack([right, np.cross(back, right), back])
+    target, distance = points.mean(axis=0), 1.0
+    for _ in range(10):  # what is near looks larger, so that the middle of the picture depends on the distance
+        across, towards = np.hsplit((points - target) @ axes.T, [2])
+        distance = float((np.abs(across) / (_FILLED * _FIELD) + towards).max())
+        seen = across / (distance - towards)
+        target = target + distance * (seen.max(axis=0) + seen.min(axis=0)) / 2 @ axes[:2]
+    return rrb.EyeControls3D(position=target + distance * back, look_target=target, eye_up=(0, 0, 1))
+
+
+def _vehicle_on(route: NDArray) -> NDArray:
+    """The corners of boxes about the vehicle on its route (m, 3), (8 m, 3) m."""
+    corners = _VEHICLE * (np.array(list(np.ndindex(2, 2, 2))) * 2 - 1)
+    return (route[thinned(len(route), _LOOKED_AT // 8), None] + corners).reshape(-1, 3)
 
 
 def _plot(plot: style.Plot) -> View:

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from garbi_map.view import style
-from garbi_map.view.decisions import AXES, Said, Tick, read_ticks, read_verdicts, spans_of
+from garbi_map.view.decisions import AXES, Said, Tick, moments_of, read_ticks, read_verdicts, spans_of
 from garbi_map.view.lanes import Lanes
 from garbi_map.view.safe_set import AHEAD, START, bow_velocity, outlines
 from garbi_map.view.stream import at, name_curves, send_curves, set_time
@@ -24,10 +24,12 @@ _BATCH = 100
 """Ticks that are sent at once, and held in memory."""
 _HULL = 0.9
 """m about the vehicle's centre in which free water is not drawn."""
+_LEVEL = 0.06
+"""m above and below the vehicle's centre in which free water is drawn: one layer of the volume."""
 _VOXEL = 0.1
 """m, of the volume that the behaviours keep."""
-_ABOVE = np.array([0.0, 0.0, 0.25])
-"""m from the arrow of the command to those of the proposals, which it would hide."""
+_ABOVE = np.array([0.0, 0.0, 0.4])
+"""m from the arrow of the command to those of the proposals, which it would hide, and their names above the hull."""
 _BEHAVIOUR = "behaviour/"
 
 
@@ -51,7 +53,7 @@ def stream_decisions(recording: RecordingStream, log: Log) -> Iterator[int]:
         sender.send(batch)
     verdicts, spans = read_verdicts(log), spans_of(log)
     for name, said in verdicts.items():
-        sender.lanes.verdict(name, said, end if first is None else first, end, spans.get(name))
+        sender.lanes.verdict(name, said, end if first is None else first, end, spans.get(name), moments_of(said))
     sender.lanes.finish(end)
     recording.log(style.ABOUT, rr.TextDocument(_about(verdicts), media_type="text/markdown"), static=True)
     yield end
@@ -98,7 +100,7 @@ class Decisions:
 
         occupied = rr.Boxes3D.from_fields(colors=[style.OCCUPIED.colour], fill_mode="solid")
         self.recording.log(style.OCCUPIED.path, occupied, static=True)
-        free = rr.Points3D.from_fields(colors=[style.FREE.colour], radii=0.005)
+        free = rr.Points3D.from_fields(colors=[style.FREE.colour], radii=0.012)
         self.recording.log(style.FREE.path, free, static=True)
         safe = rr.LineStrips3D.from_fields(colors=[style.SAFE.colour], radii=0.006)
         self.recording.log(style.SAFE.path, safe, static=True)
@@ -161,9 +163,9 @@ class Decisions:
                 half = np.full((int(full.sum()), 3), 0.45 * _VOXEL, np.float32)
                 boxes = rr.Boxes3D.from_fields(centers=tick.volume[full, :3], half_sizes=half)
                 self.recording.log(style.OCCUPIED.path, boxes)
-                free = tick.volume[~full, :3]
-                free = free[np.linalg.norm(free - _pose(tick)[0], axis=1) > _HULL]  # the hull is free of itself
-                self.recording.log(style.FREE.path, rr.Points3D.from_fields(positions=free))
+                away = tick.volume[~full, :3] - _pose(tick)[0]
+                shown = (np.abs(away[:, 2]) < _LEVEL) & (np.linalg.norm(away, axis=1) > _HULL)
+                self.recording.log(style.FREE.path, rr.Points3D.from_fields(positions=tick.volume[~full, :3][shown]))
             self._send_moving(tick)
         self.recording.reset_time()
 

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 TOPIC = "/behaviours/decisions"
 VERDICT, SAFE_SET, VOLUME = "/behaviours/verdict", "/behaviours/safe_set", "/behaviours/volume"
 AXES = ("surge", "heave", "yaw", "pitch")
+_LONGEST = 1e9
+"""s that a log can last."""
 
 
 @dataclass(frozen=True)
@@ -106,6 +108,17 @@ def spans_of(log: Log) -> dict[str, tuple[float, float]]:
         return {name: (float(span[0]), float(span[1])) for name, span in named.items() if span}
     except (KeyError, TypeError, ValueError, IndexError):
         return {}
+
+
+def moments_of(said: Said) -> list[tuple[float, float, bool]] | None:
+    """When an expectation was met and when not: from, to, s after the first decision; None where the log does not tell."""
+    import json
+
+    try:
+        moments = [(float(begin), float(end), bool(met)) for begin, end, met in json.loads(said.values["moments"])]
+    except (KeyError, TypeError, ValueError, RecursionError):
+        return None
+    return moments if all(0.0 <= begin <= end < _LONGEST for begin, end, _ in moments) else None
 
 
 def _statuses(tick: Tick, content: Any) -> None:

@@ -40,15 +40,25 @@ class Lanes:
             trouble = tick.parts["feed"].level > 0
             self._change(f"{style.LANES}/input", style.TROUBLE if trouble else "", tick.stamp_ns)
 
-    def verdict(self, name: str, said: Said, begin_ns: int, end_ns: int, span: tuple[float, float] | None) -> None:
-        """What became of an expectation, over the seconds that it speaks of; span None: all of the log."""
-        begin, end = begin_ns, end_ns
-        if span is not None:
-            begin, end = begin_ns + round(span[0] * 1e9), min(begin_ns + round(span[1] * 1e9), end_ns)
-        path = f"{style.LANES}/expected/{name}".replace(" ", "_")
-        self._change(path, said.values.get("verdict", ""), begin)
-        if end < end_ns:
-            self._change(path, "", end)
+    def verdict(
+        self,
+        name: str,
+        said: Said,
+        begin_ns: int,
+        end_ns: int,
+        span: tuple[float, float] | None,
+        moments: list[tuple[float, float, bool]] | None,
+    ) -> None:
+        """What became of an expectation: when it was met and when not, or, where it never was either or the log does not
+        tell, its verdict over the seconds that it speaks of; span None: all of the log."""
+        lane = f"expected/{name}".replace(" ", "_")
+        for begin, end, met in moments or []:
+            state = style.MET if met else style.MISSED
+            self.span(lane, state, *(begin_ns + round(second * 1e9) for second in (begin, end)))
+        if not moments:
+            begin, end = span or (0.0, (end_ns - begin_ns) * 1e-9)
+            stop_ns = min(begin_ns + round(end * 1e9), end_ns)
+            self.span(lane, said.values.get("verdict", ""), begin_ns + round(begin * 1e9), stop_ns)
 
     def span(self, name: str, state: str, begin_ns: int, end_ns: int) -> None:
         """A band of one lane."""

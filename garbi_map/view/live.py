@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import queue
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 
+from garbi_map.errors import GarbiError
 from garbi_map.view.viewer import Viewer, open_in, viewer
 
 if TYPE_CHECKING:
@@ -19,7 +21,7 @@ if TYPE_CHECKING:
 
 _WAITING = 4
 """Things that wait to be sent at most; what comes while so many wait is not shown."""
-_REST = 15.0
+_REST = 25.0
 """Times as long as it has worked the thread rests: it shares the interpreter with the work."""
 
 
@@ -67,23 +69,32 @@ class Live:
 def live(
     name: str,
     layout: Callable[[], Blueprint],
-    send: Callable[[RecordingStream, Any], None],
+    sender: Callable[[], Callable[[RecordingStream, Any], None]],
     finished: Path | None = None,
 ) -> Iterator[Live]:
-    """A viewer that shows work as it goes. When the block has ended well, it opens `finished` where there is such a file,
-    and this returns when the user closes it. Raises GarbiError where there is no display."""
-    with viewer(None, web=False) as opened:
-        from garbi_map.view.stream import new_recording
+    """A viewer that shows work as it goes: what `sender` makes sends each thing. When the block has ended well, it opens
+    `finished` where there is such a file, and this returns when the user closes it. A viewer that ends early is told of when
+    the work is done.
 
-        recording = new_recording(name)
-        recording.connect_grpc(opened.proxy, default_blueprint=layout())
-        shown = Live(recording, send)
-        try:
-            yield shown
-        finally:
-            shown.close()
-            recording.disconnect()
-        _stay(opened, finished)
+    Raises GarbiError where there is no display."""
+    done = False
+    try:
+        with viewer(None, web=False) as opened:
+            from garbi_map.view.stream import recording_for, spare_pandas
+
+            spare_pandas()
+            with recording_for(opened, "work", name, layout()) as recording:
+                shown = Live(recording, sender())
+                try:
+                    yield shown
+                finally:
+                    shown.close()
+                done = True
+            _stay(opened, finished)
+    except GarbiError as error:
+        if not done:
+            raise
+        print(f"garbi: {error}", file=sys.stderr)  # the work is done, whatever became of its viewer
 
 
 @contextmanager
@@ -95,17 +106,17 @@ def watched(name: str, folder: Path) -> Iterator[Callable[[object], None]]:
 
         return work_blueprint()
 
-    def send(recording: RecordingStream, thing: object) -> None:
-        from garbi_map.view.live_map import send_work
+    def sender() -> Callable[[RecordingStream, object], None]:
+        from garbi_map.view.live_map import WorkSender
 
-        send_work(recording, thing)
+        return WorkSender()
 
-    with live(name, layout, send, folder / "map.rrd") as shown:
+    with live(name, layout, sender, folder / "map.rrd") as shown:
         yield shown.show
 
 
 def _stay(opened: Viewer, finished: Path | None) -> None:
-    if finished is not None and finished.exists():
+    if finished is not None and finished.exists() and opened.open:
         open_in(opened, finished)
     with suppress(KeyboardInterrupt):
         opened.process.wait()

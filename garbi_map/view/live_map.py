@@ -20,14 +20,33 @@ _POINTS = 15_000
 """Points of a sweep that are shown."""
 
 
-def send_work(recording: RecordingStream, thing: Any) -> None:
-    """A sweep, the path, or points of the map."""
-    if isinstance(thing, Sweep):
-        _send_sweep(recording, thing)
-    elif isinstance(thing, Trajectory):
-        _send_path(recording, thing)
-    elif isinstance(thing, AcceptedPoints):
-        _send_points(recording, thing)
+_WORDS: dict[type, str] = {
+    Sweep: "**The log is read.** Green is one sweep of the laser as seen from the vehicle: where that was is not known yet.",
+    Trajectory: f"**The path is found**, as one on which all sweeps agree. {style.ROUTE.name}: {style.ROUTE.meaning}.",
+    AcceptedPoints: "**The map grows**, sweep by sweep; in each of them dark blue is deep. The finished map opens here.",
+}
+
+
+class WorkSender:
+    """Sends sweeps, the path and points of the map, and says in words what is being done."""
+
+    def __init__(self) -> None:
+        self._doing: str | None = None
+
+    def __call__(self, recording: RecordingStream, thing: Any) -> None:
+        """See `Live`."""
+        import rerun as rr
+
+        words = _WORDS.get(type(thing))
+        if words != self._doing and words is not None:
+            self._doing = words
+            recording.log(style.ABOUT, rr.TextDocument(words, media_type="text/markdown"), static=True)
+        if isinstance(thing, Sweep):
+            _send_sweep(recording, thing)
+        elif isinstance(thing, Trajectory):
+            _send_path(recording, thing)
+        elif isinstance(thing, AcceptedPoints):
+            _send_points(recording, thing)
 
 
 def _send_sweep(recording: RecordingStream, sweep: Sweep) -> None:

@@ -19,7 +19,7 @@ from garbi_map.view.stream import at, name_curves, recording_file, send_curves
 from garbi_map.view.surface import draw_surface
 from garbi_map.view.sweeps import send_sweeps
 from garbi_map.view.thin import thinned
-from garbi_map.view.truth import draw_truth
+from garbi_map.view.truth import Truth
 from garbi_map.view.vehicle import draw_vehicle
 
 if TYPE_CHECKING:
@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
 _VERTICES = 20_000
 """Most points of a drawn path."""
+_SEEN = 0.06
+"""m, to which the ellipsoids of the path are enlarged at most."""
 
 
 def record_map(path: Path, dive: Dive, store: SweepStore, built: Map, mesh: Mesh) -> None:
@@ -44,13 +46,15 @@ def record_map(path: Path, dive: Dive, store: SweepStore, built: Map, mesh: Mesh
     settings = dive.config.view
     ours = built.registered.trajectory
     seconds = float(ours.stamp_ns[-1] - ours.stamp_ns[0]) * 1e-9
-    layout = map_blueprint(mesh.vertices, ours.position, seconds / settings.longest_film)
-    with recording_file(path, dive.paths[0].stem, layout) as recording:
+    truth = Truth.of(dive.log, ours, mesh.vertices)
+    surface = truth.points if truth else None
+    layout = map_blueprint(mesh.vertices, ours.position, seconds / settings.longest_film, surface)
+    with recording_file(path, "map", dive.paths[0].stem, layout) as recording:
         draw_vehicle(recording, dive.rig, dive.navigation.mount("rig"))
         _draw_routes(recording, dive, built)
         _draw_loops(recording, store, built)
-        truth = draw_truth(recording, dive.log, ours)
-        words = about_map(dive, built, truth)
+        larger = _draw_ellipsoids(recording, dive, built)
+        words = about_map(dive, built, truth, larger)
         recording.log(style.ABOUT, rr.TextDocument(words, media_type="text/markdown"), static=True)
         _send_curves(recording, dive, built)
         shown, size = None, 0
@@ -58,9 +62,12 @@ def record_map(path: Path, dive: Dive, store: SweepStore, built: Map, mesh: Mesh
             shown, size = send_images(recording, dive.log.images(*dive.span_ns), settings.every)
         profiles = sum(entry.profiles for entry in store.entries) // settings.every
         budget = share_out(dive.log.size, size, seconds, len(store), profiles, settings)
-        if len(mesh.triangles) > budget.triangles:
-            mesh = triangulate(built.seabed, budget.triangles, dive.config.export.widest_hole)
+        triangles = budget.triangles if surface is None else budget.triangles // 2
+        if len(mesh.triangles) > triangles:
+            mesh = triangulate(built.seabed, triangles, dive.config.export.widest_hole)
         draw_surface(recording, mesh)
+        if truth is not None:
+            truth.draw(recording, mesh.vertices, triangles)
         send_sweeps(recording, dive, store, built, budget, shown)
         lost = dive.left_out
         send_losses(recording, lost or ["nothing was left out"], dive.log.begin_ns)
@@ -78,18 +85,34 @@ def _draw_routes(recording: RecordingStream, dive: Dive, built: Map) -> None:
         points = line.position[thinned(len(line.position), _VERTICES)].astype(np.float32)
         recording.log(thing.path, rr.LineStrips3D([points], radii=radius, colors=[thing.colour]), static=True)
 
+
+def _draw_ellipsoids(recording: RecordingStream, dive: Dive, built: Map) -> float:
+    """How sure the path is, every few seconds; returns how many times larger than 1 sigma that is drawn."""
+    import rerun as rr
+
+    ours = built.registered.trajectory
     steps = np.arange(ours.stamp_ns[0], ours.stamp_ns[-1] + 1, round(dive.config.view.ellipsoid_period * 1e9))
     there = built.registered.inside.at(steps[thinned(len(steps), _VERTICES // 20)])
     variance, axes = np.linalg.eigh(there.covariance[:, :3, :3])
     axes[:, :, 0] *= np.sign(np.linalg.det(axes))[:, None]  # eigenvectors may be left-handed
+    sigma = np.sqrt(np.maximum(variance, 0.0))
+    larger = _enlarged(float(np.median(sigma.max(axis=1))))
     ellipsoids = rr.Ellipsoids3D(
         centers=there.position,
-        half_sizes=style.SIGMA_SCALE * np.sqrt(np.maximum(variance, 0.0)),
+        half_sizes=larger * sigma,
         quaternions=Rotation.from_matrix(axes).as_quat(),
         colors=[style.POSE_SIGMA.colour],
         line_radii=0.0015,
     )
     recording.log(style.POSE_SIGMA.path, ellipsoids, static=True)
+    return larger
+
+
+def _enlarged(length: float) -> float:
+    """How many times, 1, 2, 5, 10, 20 ..., a length in m is to be drawn larger, that it can be seen."""
+    most = max(_SEEN / max(length, 1e-9), 1.0)
+    decade = 10.0 ** np.floor(np.log10(most))
+    return float(max(step * decade for step in (1, 2, 5) if step * decade <= most))
 
 
 def _draw_loops(recording: RecordingStream, store: SweepStore, built: Map) -> None:

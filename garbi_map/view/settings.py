@@ -15,7 +15,7 @@ class ViewSettings(Settings):
     )
     points: int = Field(default=3_000_000, ge=1000, description="most points of the growing map")
     points_per_sweep: int = Field(default=25_000, ge=100, description="most points of a sweep in the growing map")
-    point_radius: float = Field(default=0.003, gt=0.0, description="m, of a point of the growing map")
+    point_radius: float = Field(default=0.003, gt=0.0, description="m, least of a point of the growing map")
     ellipsoid_period: float = Field(
         default=3.0, gt=0.0, description="s between ellipsoids of the position's uncertainty"
     )

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 MAP_RECORDING = "map.rrd"
 CHANGE_RECORDING = "compare.rrd"
+DECISIONS = "decisions"
 
 
 @dataclass(frozen=True)
@@ -85,21 +86,20 @@ def show_log(path: Path, wishes: Wishes, web: bool, port: int) -> list[str]:
     with viewer(None, web, port) as opened:
         _announce(opened)
         log = _log(path, wishes)
-        from garbi_map.view.stream import new_recording
+        from garbi_map.view.stream import recording_for, spare_pandas, taken
 
-        recording = new_recording(path.stem)
-        recording.connect_grpc(opened.proxy)
-        try:
+        spare_pandas()
+        with recording_for(opened, _kind(log), path.stem) as recording:
             if not wishes.no_images:
                 send_first_image(recording, log)
+            if not taken(recording, opened):
+                return []
             source = _source(path, log, wishes)
             recording.send_blueprint(source.layout)
             for _ in source.stream(recording):
-                if not opened.open:
+                if not taken(recording, opened):
                     break
             _wait(opened)
-        finally:
-            recording.disconnect()  # before the viewer goes, or it complains
     return source.left_out()
 
 
@@ -108,7 +108,7 @@ def save_log(path: Path, wishes: Wishes, out: Path) -> list[str]:
     from garbi_map.view.stream import recording_file
 
     source = _source(path, _log(path, wishes), wishes)
-    with recording_file(out, path.stem, source.layout) as recording:
+    with recording_file(out, _kind(source.log), path.stem, source.layout) as recording:
         for _ in source.stream(recording):
             pass
     return source.left_out()
@@ -122,7 +122,6 @@ def send_first_image(recording: RecordingStream, log: Log) -> None:
         for image in log.images():
             send_image(recording, image)
             recording.reset_time()
-            recording.flush()
             return
 
 
@@ -137,9 +136,7 @@ class _Source:
 
     @property
     def decisions(self) -> bool:
-        from garbi_map.view.decisions import TOPIC
-
-        return TOPIC in self.log.topics
+        return _kind(self.log) == DECISIONS
 
     @property
     def layout(self) -> Blueprint:
@@ -159,6 +156,12 @@ class _Source:
 
     def left_out(self) -> list[str]:
         return [*([] if self.decisions else self.lost), *self.log.losses]
+
+
+def _kind(log: Log) -> str:
+    from garbi_map.view.decisions import TOPIC
+
+    return DECISIONS if TOPIC in log.topics else "log"
 
 
 def _log(path: Path, wishes: Wishes) -> Log:

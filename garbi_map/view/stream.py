@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -20,27 +21,59 @@ if TYPE_CHECKING:
     from rerun import RecordingStream
     from rerun.blueprint import Blueprint
 
+    from garbi_map.view.viewer import Viewer
+
 STALLED = 5.0  # s without a byte after which the file system is taken to refuse
+_PATIENCE = 0.5  # s between looks whether the viewer is still there
 
 
-def new_recording(name: str) -> RecordingStream:
-    """A recording that nobody listens to yet; stamps are its only time."""
+def new_recording(kind: str, name: str) -> RecordingStream:
+    """A recording that nobody listens to yet; stamps are its only time.
+
+    kind: what it is of, "map" or the like. Viewers keep one layout for an application: each kind and name is one, or what is
+    looked at next would look like the last.
+    """
     os.environ.setdefault("RERUN_ANALYTICS", "0")
+    os.environ.setdefault("RUST_LOG", "off")  # what goes wrong is told in our words
     import rerun as rr
 
-    recording = rr.RecordingStream(APPLICATION, recording_id=uuid.uuid4())
+    recording = rr.RecordingStream(f"{APPLICATION} {kind} {name}", recording_id=uuid.uuid4())
     recording.set_log_tick_enabled(False)
     recording.set_log_time_enabled(False)
     recording.send_recording_name(name)
     return recording
 
 
+class _NoPandas:
+    """A finder of modules that says that there is no pandas."""
+
+    def find_spec(self, name: str, *_: Any) -> None:
+        """None for everything else: let others look."""
+        if name == "pandas":
+            raise ModuleNotFoundError(name)
+
+
+def spare_pandas() -> None:
+    """Arrow does without pandas in this process.
+
+    At the first array it looks whether pandas is installed, and imports it: a quarter of the time to the first picture.
+    """
+    import pyarrow as pa
+
+    absent = _NoPandas()
+    sys.meta_path.insert(0, absent)
+    try:
+        pa.array(np.zeros(1))
+    finally:
+        sys.meta_path.remove(absent)
+
+
 @contextmanager
-def recording_file(path: Path, name: str, blueprint: Blueprint) -> Iterator[RecordingStream]:
+def recording_file(path: Path, kind: str, name: str, blueprint: Blueprint) -> Iterator[RecordingStream]:
     """A recording into a file, complete or absent. Raises GarbiError where the file system refuses."""
     with written_aside(path) as aside:
         aside.touch()
-        recording = new_recording(name)
+        recording = new_recording(kind, name)
         recording.save(aside, default_blueprint=blueprint)
         try:
             yield recording
@@ -48,13 +81,41 @@ def recording_file(path: Path, name: str, blueprint: Blueprint) -> Iterator[Reco
             try:
                 _finish(recording, aside)
             except RuntimeError as error:
-                _abandon(recording)
+                abandon(recording)
                 raise GarbiError(f"{path}: cannot be written: is the disk full? ({error})") from error
             recording.disconnect()
 
 
-def _abandon(recording: RecordingStream) -> None:
-    """Leave a recording alone whose writing thread has died: disconnecting, forgetting and shutting it down all hang."""
+@contextmanager
+def recording_for(
+    opened: Viewer, kind: str, name: str, blueprint: Blueprint | None = None
+) -> Iterator[RecordingStream]:
+    """A recording into a viewer; whatever it has not taken when the viewer goes is dropped."""
+    recording = new_recording(kind, name)
+    if opened.started():
+        recording.connect_grpc(opened.proxy, default_blueprint=blueprint)
+    try:
+        yield recording
+    finally:
+        if taken(recording, opened):
+            recording.disconnect()  # before the viewer goes, or it complains
+        else:
+            abandon(recording)
+
+
+def taken(recording: RecordingStream, opened: Viewer) -> bool:
+    """Wait until a viewer has all that was sent; False as soon as it has gone."""
+    while opened.open:
+        try:
+            recording.flush(timeout_sec=_PATIENCE)
+            return True
+        except RuntimeError:  # it is slow to start, or to draw
+            continue
+    return False
+
+
+def abandon(recording: RecordingStream) -> None:
+    """Leave a recording alone to which nobody listens any more: disconnecting, forgetting and shutting it down all hang."""
     import atexit
     import ctypes
 

@@ -69,9 +69,7 @@ ROUNDS = "curves/rounds"
 
 ROUTE = Thing("map/route/registered", OURS, "orange line", "the vehicle's path, corrected by what the laser saw twice")
 ROUTE_NAVIGATION = Thing("map/route/navigation", NAVIGATION, "grey line", "the path from the navigation sensors alone")
-POSE_SIGMA = Thing(
-    "map/route/uncertainty", OURS, "orange ellipsoids", "how sure the path is within the map, 1 sigma, 20 x larger"
-)
+POSE_SIGMA = Thing("map/route/uncertainty", OURS, "orange ellipsoids", "how sure the path is within the map, 1 sigma")
 PROFILE = Thing("map/vehicle/rig/profile", LASER, "green points", "the profile that the camera sees at this moment")
 SHEET = Thing("map/vehicle/rig/sheet", LASER, "green fan", "the laser's sheet of light")
 STRIPE = Thing(IMAGE + "/stripe", OURS, "orange dots in the image", "the laser line as it was found")
@@ -82,6 +80,9 @@ POINTS = Thing("map/seabed/points", (30, 116, 148), "points", "the map as it gro
 
 LOOPS = Thing("map/route/loops", WELL, "green lines", "two passes over the same ground that were found to be the same")
 TRUTH_ROUTE = Thing("map/truth/route", TRUTH, "violet line", "the true path, where the log of a simulation has it")
+TRUTH_SURFACE = Thing(
+    "map/truth/seabed", (30, 116, 148), "true surface", "the seabed as it is, where the log of a simulation has it"
+)
 REJECTED = Thing("map/seabed/moving", ALARM, "red points", "what moved or floated: seen, and left out of the map")
 
 BEFORE = Thing("map/before", (30, 116, 148), "surface, before", "the earlier of two maps that are compared")
@@ -94,19 +95,24 @@ COMMAND = Thing("map/vehicle/intent/command", OURS, "orange arrow", "the command
 PROPOSAL = Thing("map/vehicle/intent/proposal", CAMERA, "other arrows", "what each behaviour wants")
 SAFE = Thing("map/vehicle/intent/safe_set", WELL, "green outlines", "the safe set: where arrows may end")
 OCCUPIED = Thing("map/volume/occupied", (92, 128, 156), "blue-grey blocks", "where something is")
-FREE = Thing("map/volume/free", (58, 70, 88), "grey dots", "water that was seen to be free; everything else is unknown")
+FREE = Thing(
+    "map/volume/free", (58, 70, 88), "grey dots", "water at the vehicle's depth seen to be free, the rest unknown"
+)
 MOVING = Thing("map/moving/things", ALARM, "red ball", "something that moves, its arrow says where to")
 MOVING_VELOCITY = "map/moving/velocity"
 WORDS = "words"
 LANES = "lanes"
 
 ACTS, LEADS, CHANGES, TROUBLE = "acts", "leads", "changes it", "trouble"
+MET, MISSED = "met", "missed"
 NOTHING, DAMAGED, WHOLE = "nothing", "damaged", "without gaps"
 STATES: dict[str, Colour] = {
     ACTS: CAMERA,
     LEADS: OURS,
     CHANGES: CAUTION,
     TROUBLE: ALARM,
+    MET: WELL,
+    MISSED: ALARM,
     "held": WELL,
     "failed": ALARM,
     "no encounter": QUIET,
@@ -129,7 +135,7 @@ def proposal(name: str) -> Thing:
 
 
 SIGMA_SCALE = 20.0
-"""How many times larger than 1 sigma POSE_SIGMA and STRIPE_SIGMA are drawn."""
+"""How many times larger than 1 sigma STRIPE_SIGMA is drawn."""
 
 COLOURINGS = (
     Colouring("Depth", "Points3D:colors", "dark blue is deep, pale is shallow"),

@@ -15,11 +15,17 @@ if TYPE_CHECKING:
     from rerun import RecordingStream
 
 
-def draw_surface(recording: RecordingStream, mesh: Mesh, path: str = style.MESH.path) -> None:
-    """The mesh, coloured by depth; half grey where it is interpolated over a hole."""
+def draw_surface(
+    recording: RecordingStream, mesh: Mesh, path: str = style.MESH.path, heights: NDArray | None = None
+) -> None:
+    """The mesh, coloured by depth; half grey where it is interpolated over a hole.
+
+    heights: what the colours span, m; None for those of the mesh.
+    """
     import rerun as rr
 
-    colours = depth_colours(mesh.vertices[:, 2], *height_range(mesh.vertices[:, 2]))
+    span = height_range(mesh.vertices[:, 2] if heights is None else heights)
+    colours = depth_colours(mesh.vertices[:, 2], *span)
     grey = colours[mesh.filled].mean(axis=1, keepdims=True)
     colours[mesh.filled] = (0.5 * colours[mesh.filled] + 0.5 * grey).astype(np.uint8)
     surface = rr.Mesh3D(

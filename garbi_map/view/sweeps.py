@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from garbi_map.dive import Dive, Map
     from garbi_map.log import Mount
     from garbi_map.navigate import Trajectory
+    from garbi_map.seabed import Seabed
     from garbi_map.sweep import Sweep
     from garbi_map.sweep.store import SweepStore
 
@@ -41,10 +42,11 @@ def send_sweeps(
     """All sweeps, one in memory at a time. shown: stamps of the images in the recording; None where it has none."""
     import rerun as rr
 
-    recording.log(style.POINTS.path, rr.Points3D.from_fields(radii=dive.config.view.point_radius), static=True)
+    radius = _closed(built.seabed, len(store), budget.points_per_sweep, dive.config.view.point_radius)
+    recording.log(style.POINTS.path, rr.Points3D.from_fields(radii=radius), static=True)
     style_stripe(recording)
     name_curves(recording, style.MISFIT)
-    rejected = rr.Points3D.from_fields(radii=2 * dive.config.view.point_radius, colors=[style.REJECTED.colour])
+    rejected = rr.Points3D.from_fields(radii=radius, colors=[style.REJECTED.colour])
     recording.log(style.REJECTED.path, rejected, static=True)
     ours = built.registered.trajectory
     finished = FinishedMap.of(built.seabed, (int(ours.stamp_ns[0]), int(ours.stamp_ns[-1])))
@@ -54,6 +56,13 @@ def send_sweeps(
         misfit.append(_send_points(recording, dive, sweep, built, budget, finished))
     ends = np.array([entry.end_ns for entry in store.entries], np.int64)
     send_curves(recording, style.MISFIT, ends, np.reshape(misfit, (-1, 2)))
+
+
+def _closed(seabed: Seabed, sweeps: int, points: int, least: float) -> float:
+    """The radius, m, with which so many points of a sweep look like a surface; `least` where they are close, and at most
+    four times that."""
+    footprint = float(seabed.sweeps.sum()) * seabed.cell**2 / max(sweeps, 1)
+    return float(np.clip(0.5 * np.sqrt(footprint / points), least, 4.0 * least))
 
 
 def _send_points(

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -19,7 +20,6 @@ from urllib.parse import quote
 from garbi_map.errors import GarbiError
 
 WEB_PORT = 9090
-_DATA_PORT = 9876
 _HERE = "127.0.0.1"
 _MAGIC, _OLD = b"RRF", (b"RRF0", b"RRF1")
 
@@ -29,13 +29,28 @@ class Viewer:
     """A viewer that runs; data sent to `proxy` appears in it. page: what a browser opens, None for a window."""
 
     process: subprocess.Popen[bytes]
-    proxy: str
+    port: int
     page: str | None
+
+    @property
+    def proxy(self) -> str:
+        """Where it takes data."""
+        return _proxy(self.port)
 
     @property
     def open(self) -> bool:
         """Whether it still runs."""
         return self.process.poll() is None
+
+    def started(self) -> bool:
+        """Wait until it takes data; False where it has ended before."""
+        while self.open:
+            try:
+                socket.create_connection((_HERE, self.port), timeout=1.0).close()
+                return True
+            except OSError:
+                time.sleep(0.01)
+        return False
 
 
 def viewer_binary() -> Path:
@@ -65,9 +80,8 @@ def viewer(file: Path | None, web: bool, port: int = WEB_PORT) -> Iterator[Viewe
         )
     if web and not _free(port):
         raise GarbiError(f"port {port} is in use: choose another one with --port")
-    data = _DATA_PORT if _free(_DATA_PORT) else _any_free()
-    proxy = f"rerun+http://{_HERE}:{data}/proxy"
-    page = f"http://{_HERE}:{port}/?url={quote(proxy, safe='')}" if web else None
+    data = _any_free()  # not Rerun's own: whoever finds another viewer there hands everything over to it, and ends
+    page = f"http://{_HERE}:{port}/?url={quote(_proxy(data), safe='')}" if web else None
     command = [str(viewer_binary()), "--bind", _HERE, "--port", str(data), "--hide-welcome-screen"]
     command += ["--serve-web", "--web-viewer-port", str(port)] if web else []
     command += [str(file)] if file else ["--expect-data-soon"]
@@ -75,9 +89,10 @@ def viewer(file: Path | None, web: bool, port: int = WEB_PORT) -> Iterator[Viewe
         quiet = {**os.environ, "RERUN_ANALYTICS": "0", "RUST_LOG": "error", "NO_COLOR": "1"}
         process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=words, env=quiet, start_new_session=True)
         try:
-            yield Viewer(process, proxy, page)
+            yield Viewer(process, data, page)
             if process.poll():
-                raise GarbiError(_why(words.read() if words.seek(0) == 0 else b"", process.returncode))
+                words.seek(0)
+                raise GarbiError(_why(words.read().decode(errors="replace"), process.returncode))
         finally:
             if process.poll() is None:
                 process.terminate()
@@ -86,9 +101,13 @@ def viewer(file: Path | None, web: bool, port: int = WEB_PORT) -> Iterator[Viewe
 
 def open_in(opened: Viewer, file: Path) -> None:
     """A recording, in a viewer that runs already."""
-    port = opened.proxy.rsplit(":", 1)[1].partition("/")[0]
     quiet = {**os.environ, "RERUN_ANALYTICS": "0", "RUST_LOG": "error"}
-    subprocess.run([str(viewer_binary()), "--port", port, str(file)], env=quiet, check=False, capture_output=True)
+    command = [str(viewer_binary()), "--port", str(opened.port), str(file)]
+    subprocess.run(command, env=quiet, check=False, capture_output=True)
+
+
+def _proxy(port: int) -> str:
+    return f"rerun+http://{_HERE}:{port}/proxy"
 
 
 @contextmanager
@@ -122,14 +141,13 @@ def check_recording(path: Path) -> Path:
     return path
 
 
-def _why(words: bytes, status: int) -> str:
-    text = words.decode(errors="replace")
-    lines = [line.strip() for line in text.splitlines() if line.strip()]
-    if "adapter" in text or "wgpu" in text:
-        return (
-            "no usable graphics here (apt-get install mesa-vulkan-drivers gives a slow one): "
-            "use --web for a browser, or --save FILE.rrd and open that elsewhere"
-        )
+def _why(words: str, status: int) -> str:
+    ways_out = "use --web for a browser, or --save FILE.rrd and open that elsewhere"
+    if "winit" in words:
+        return f"the display cannot be opened: {ways_out}"
+    if "adapter" in words or "wgpu" in words.lower():
+        return f"no usable graphics here (apt-get install mesa-vulkan-drivers gives a slow one): {ways_out}"
+    lines = [line.strip() for line in words.splitlines() if line.strip()]
     return f"the viewer ended with status {status}: {lines[-1] if lines else 'it gives no reason'}"
 
 

@@ -1,6 +1,6 @@
 """Figures of the map's database: further dives over a site, kill -9, many dives on Dask, growth, fusion beside Open3D.
 
-python -m tools.bench.database {together,kills,dask,growth} [...] [-o FILE.json]
+python -m tools.bench.database {together,kills,dask,growth,fusion} [...] [-o FILE.json]
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from pathlib import Path
 from typing import Any
 
 from tools.bench.database_dask import dask
-from tools.bench.database_growth import growth
+from tools.bench.database_growth import fusion, growth
 from tools.bench.database_kills import kills
 from tools.bench.database_together import together
 
 PARTS: dict[str, Callable[[Path, int], dict[str, Any]]] = {
-    "together": together, "kills": kills, "dask": dask, "growth": growth,
+    "together": together, "kills": kills, "dask": dask, "growth": growth, "fusion": fusion,
 }  # fmt: skip
 
 

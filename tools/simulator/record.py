@@ -14,6 +14,8 @@ from tools.simulator.sensors import START_NS, to_ns
 
 TRUTH_RATE = 100.0  # Hz, of truth_trajectory.tum
 TRUTH_TOPIC_RATE = 20.0  # Hz, of /truth/odometry
+TRUTH_CELL, TRUTH_STEP = 0.01, 1e-4  # m, of /truth/seabed: between its points, and of their heights
+FLOAT32 = 7  # number of the type in sensor_msgs/msg/PointField
 
 
 def write_log(
@@ -26,7 +28,8 @@ def write_log(
 ) -> float:
     """Render the dive into an MCAP log, in order of arrival; `progress(done, all)` is told after each image.
 
-    The log carries rig.yaml as attachment, `metadata` as records by name and, if wanted, the truth as /truth/odometry.
+    The log carries rig.yaml as attachment, `metadata` as records by name and, if wanted, the truth as /truth/odometry and
+    /truth/seabed.
     workers: 0 to render in this process, as a dive has to that was not flown along its route. Returns the images per
     second that were rendered and written once the workers had started."""
     total = len(dive.exposures)
@@ -40,6 +43,8 @@ def write_log(
         camera = dive.rig.camera
         matrix = np.array([[camera.alpha_u, 0, camera.u0], [0, camera.alpha_v, camera.v0], [0, 0, 1]])
         log.write_camera_info(START_NS, camera.width, camera.height, matrix, list(camera.distortion))
+        if truth:
+            _write_seabed(dive, log)
         messages = _navigation_messages(dive, log, truth)
         sent = 0
         for done, image in enumerate(dive.images(workers), 1):
@@ -54,6 +59,21 @@ def write_log(
         for _, send in messages[sent:]:
             send()
     return (total - 1) / (time.perf_counter() - begin)
+
+
+def _write_seabed(dive: Dive, log: LogWriter) -> None:
+    """The true surface about what was seen, from above, as an organised cloud: rows along x, from the south."""
+    seen = dive.seen(2000)
+    x, y = (np.arange(seen[:, k].min() - 0.1, seen[:, k].max() + 0.1, TRUTH_CELL) for k in (0, 1))
+    heights = np.round(dive.scene.heights(x, y) / TRUTH_STEP) * TRUTH_STEP
+    points = np.stack([*np.meshgrid(x, y), heights], axis=-1).astype(np.float32)
+    field, cloud = (log.types.types[f"sensor_msgs/msg/{name}"] for name in ("PointField", "PointCloud2"))
+    fields = [field(name=name, offset=4 * k, datatype=FLOAT32, count=1) for k, name in enumerate("xyz")]
+    message = cloud(
+        header=log.header(START_NS, "map"), height=len(y), width=len(x), fields=fields, is_bigendian=False,
+        point_step=12, row_step=12 * len(x), data=np.frombuffer(points.tobytes(), np.uint8), is_dense=False,
+    )  # fmt: skip
+    log.write("/truth/seabed", "sensor_msgs/msg/PointCloud2", message, START_NS)
 
 
 def _navigation_messages(dive: Dive, log: LogWriter, with_truth: bool) -> list[tuple[int, Callable[[], None]]]:

@@ -93,6 +93,14 @@ class Scene:
             body = np.minimum(body, _distance(shape, points - mover_centre(mover, time)))
         return _distance(self._still, points), body
 
+    def heights(self, x: Floats, y: Floats) -> Floats:
+        """Height (len(y), len(x)) m, map, of the still seabed seen from above; NaN where there is none."""
+        top = float(self.mesh[0][:, 2].max()) + 1.0
+        east, north = np.meshgrid(x, y)
+        above = np.stack([east.ravel(), north.ravel(), np.full(east.size, top)], axis=1)
+        distance, _ = _cast(self._still, above, np.tile([0.0, 0.0, -1.0], (east.size, 1)))
+        return np.where(np.isfinite(distance), top - distance, np.nan).reshape(east.shape)
+
     def write(self, path: Path) -> None:
         """The true still surface as binary PLY."""
         o3d = _open3d()

@@ -14,6 +14,7 @@ from pathlib import Path
 from tools.trials.avoidance import Outcome, fly, save
 from tools.trials.few import FEW, few
 from tools.trials.jobs import avoid
+from tools.trials.sources import fingerprint
 from tools.trials.table import CONTROLLERS, append, draw, read, table
 
 
@@ -43,9 +44,11 @@ def main() -> int:
 
 
 def _many(arguments: argparse.Namespace, folder: Path) -> int:
-    """All that the folder does not hold yet."""
+    """All that the folder does not hold yet, flown with these very sources."""
     kept = folder / "avoidance.csv"
-    done = {(one.seed, one.controller) for one in read(kept)} if kept.exists() else set()
+    done = (
+        {(one.seed, one.controller) for one in read(kept) if one.sources == fingerprint()} if kept.exists() else set()
+    )
     seeds = range(arguments.first, arguments.first + arguments.seeds)
     jobs = [
         (seed, controller, arguments.level)

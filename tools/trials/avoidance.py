@@ -19,6 +19,7 @@ from tools.simulator.sensors import START_NS
 from tools.trials.baselines import NoAvoidance, Omniscient, PotentialField, StopZone
 from tools.trials.feed import DiveFeed, Level
 from tools.trials.scenario import open_water
+from tools.trials.sources import fingerprint
 from tools.trials.world import Block, Rod, World
 
 KINDS = ("wall", "pillar", "cable", "overhang", "moving")
@@ -45,7 +46,8 @@ VEHICLES = {
 @dataclass(frozen=True)
 class Outcome:
     """What became of a trial: gap is the least distance, m, between hull and obstacle; in_view: seconds in which
-    a moving obstacle's centre was within the camera's view and reach; what never was cannot be avoided by looking."""
+    a moving obstacle's centre was within the camera's view and reach; what never was cannot be avoided by looking;
+    sources: what it was flown with, see `fingerprint`."""
 
     seed: int
     kind: str
@@ -56,6 +58,7 @@ class Outcome:
     seconds: float
     length: float
     in_view: float
+    sources: str = ""
 
     def as_dict(self) -> dict[str, object]:
         """Plain."""
@@ -163,7 +166,7 @@ def fly(
             mark, since = position, now
         if controller != "garbi" and not world.movers and now - since > GIVEN_UP:
             break
-    found = Outcome(seed, kind, controller, gap <= 0.0, reached, float(gap), now, length, in_view)
+    found = Outcome(seed, kind, controller, gap <= 0.0, reached, float(gap), now, length, in_view, fingerprint())
     return Flight(found, dive, world, goal)
 
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import csv
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterable
 from dataclasses import fields
 from pathlib import Path
+from statistics import median
 
 from tools.trials.avoidance import KINDS, Outcome
 
@@ -28,17 +29,19 @@ def append(path: Path, outcome: Outcome) -> None:
 
 
 def read(path: Path) -> list[Outcome]:
-    """What `append` left, by controller and seed."""
+    """What `append` left, by controller and seed; of two flights of one trial the later."""
     with path.open(newline="") as file:
         rows = list(csv.DictReader(file))
     found = [
         Outcome(
             int(row["seed"]), row["kind"], row["controller"], row["collided"] == "True", row["reached"] == "True",
             float(row["gap"]), float(row["seconds"]), float(row["length"]), float(row["in_view"]),
+            row["sources"],
         )
         for row in rows
     ]  # fmt: skip
-    return sorted(found, key=lambda one: (CONTROLLERS.index(one.controller), one.seed))
+    last = {(CONTROLLERS.index(one.controller), one.seed): one for one in found}
+    return [last[key] for key in sorted(last)]
 
 
 def judge(outcomes: Iterable[Outcome]) -> dict[tuple[str, str], dict[str, int]]:
@@ -64,11 +67,13 @@ def judge(outcomes: Iterable[Outcome]) -> dict[tuple[str, str], dict[str, int]]:
 
 
 def table(outcomes: Iterable[Outcome]) -> str:
-    """Markdown."""
+    """Markdown: a row per controller and kind, the seeds that matter, and what the flights were flown with."""
+    outcomes = list(outcomes)
     found = judge(outcomes)
     lines = [
-        "| controller | kind | trials | collided | avoidable | of those never in view | feasible | of these reached |",
-        "| --- | --- | --- | --- | --- | --- | --- | --- |",
+        "| controller | kind | trials | collided | avoidable | of those never in view | feasible | of these reached "
+        "| median s to the goal |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
     ]
     for controller in CONTROLLERS:
         for kind in (*KINDS, "all"):
@@ -76,11 +81,40 @@ def table(outcomes: Iterable[Outcome]) -> str:
             if row:
                 share = f"{row['reached']} ({100 * row['reached'] / row['feasible']:.0f} %)" if row["feasible"] else "-"
                 counts = " | ".join(str(row[key]) for key in KEYS)
-                lines.append(f"| {controller} | {kind} | {counts} | {share} |")
-    return "\n".join(lines)
+                times = [one.seconds for one in _of(outcomes, controller, kind) if one.reached]
+                lines.append(f"| {controller} | {kind} | {counts} | {share} | {_seconds(times)} |")
+    return "\n".join([*lines, "", *_seeds(outcomes), *_sources(outcomes)])
 
 
-def draw(outcomes: Iterable[Outcome], path: Path) -> None:
+def _of(outcomes: list[Outcome], controller: str, kind: str) -> list[Outcome]:
+    return [one for one in outcomes if one.controller == controller and kind in (one.kind, "all")]
+
+
+def _seconds(times: list[float]) -> str:
+    return f"{median(times):.0f}" if times else "-"
+
+
+def _seeds(outcomes: list[Outcome]) -> list[str]:
+    """Which trials were not avoidable, not feasible, and what became of garbi elsewhere."""
+    known = {one.seed: one for one in outcomes if one.controller == "omniscient"}
+    own = [one for one in outcomes if one.controller == "garbi" and one.seed in known]
+    told = {
+        "Not avoidable (omniscient collided)": [seed for seed, one in known.items() if one.collided],
+        "Not feasible (omniscient did not reach the goal)": [seed for seed, one in known.items() if not one.reached],
+        "garbi collided although avoidable": [o.seed for o in own if o.collided and not known[o.seed].collided],
+        "garbi neither collided nor reached a feasible goal": [
+            o.seed for o in own if known[o.seed].reached and not o.reached and not o.collided
+        ],
+    }
+    return [f"- {words}: {', '.join(map(str, seeds)) or 'none'}." for words, seeds in told.items()]
+
+
+def _sources(outcomes: list[Outcome]) -> list[str]:
+    counts = Counter((one.sources or "unknown", one.controller) for one in outcomes)
+    return [f"- Flown with sources {sources}: {count} {controller}." for (sources, controller), count in counts.items()]
+
+
+def draw(outcomes: list[Outcome], path: Path) -> None:
     """A bar per controller and kind, SVG: reached, neither, collided unavoidably, collided although avoidable."""
     found = judge(outcomes)
     width, height, left, gap = 760, 20, 170, 6
@@ -95,7 +129,7 @@ def draw(outcomes: Iterable[Outcome], path: Path) -> None:
             if not row:
                 continue
             trials, x = row["trials"], float(left)
-            reached = sum(one.reached for one in outcomes if one.controller == controller and kind in (one.kind, "all"))
+            reached = sum(one.reached for one in _of(outcomes, controller, kind))
             shares = {
                 "reached": reached,
                 "neither": trials - reached - row["collided"],

@@ -1,0 +1,79 @@
+"""Out of unseen water that the vehicle was carried into.
+
+Close before the bow the camera does not show all that the hull would meet, and abeam it shows nothing: where water has
+carried the hull beside what was seen, neither surge nor looking about helps. What is known is the way it came, which the
+hull itself has found free: the stern is turned to the longest known stretch, and backing off along it brings what is before
+the bow into view."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from behaviours.settings import Vehicle
+from behaviours.situation import Situation
+from garbi_map.log.records import Floats
+
+PATIENCE = 5.0  # s for which unseen water shuts the bow in; a second in which it does not makes up for half a one
+TOUCHED = 0.05  # m from the hull, where the unseen lets it make no way
+ENOUGH, BACKED = 0.7, 0.4  # m of known water before the bow, and m backed off, that end it
+BACK, LEAST = 0.8, 0.15  # m astern that are looked for, and that are worth turning for
+HEADINGS = 24
+TURN, HABIT = 0.25, 0.15  # m of way astern that a radian of turning, and another heading than before, cost
+ALIGNED = 0.25  # rad
+SPEED, RATE = 0.12, 0.3  # m/s, rad/s
+
+
+class Retreat:
+    """Remembers for how long nothing has been known before the bow, and which way it backs off."""
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self._speed = min(SPEED, vehicle.astern)
+        self._blocked, self._last_ns = 0.0, 0
+        self._heading: float | None = None
+        self._from: Floats = np.zeros(3)
+
+    def propose(self, situation: Situation) -> tuple[float, float, str] | None:
+        """Surge m/s, yaw rad/s and why in words; None where there is known water ahead, or none astern either."""
+        seconds = float(np.clip((situation.now_ns - self._last_ns) * 1e-9, 0.0, 1.0))
+        self._last_ns = situation.now_ns
+        shut, corridor = self._shut(situation), situation.corridor
+        self._blocked = float(np.clip(self._blocked + (seconds if shut else -0.5 * seconds), 0.0, PATIENCE))
+        backed = float(np.linalg.norm(situation.pose.position - self._from)) > BACKED
+        if self._heading is not None and backed and not shut and (corridor.length > ENOUGH or corridor.end != "unseen"):
+            self._blocked, self._heading = 0.0, None
+        if self._heading is None:
+            if self._blocked < PATIENCE:
+                return None
+            self._from = situation.pose.position
+        self._heading, astern = self._way_back(situation)
+        if astern < LEAST:
+            self._blocked, self._heading = 0.0, None
+            return None
+        off = float(_angle(self._heading - situation.pose.heading))
+        words = (
+            f"carried into unseen water: {astern:.1f} m are known astern at heading {np.degrees(self._heading):.0f} deg"
+        )
+        surge = -self._speed if abs(off) < ALIGNED else 0.0
+        return surge, float(np.clip(0.8 * off, -RATE, RATE)), words
+
+    @staticmethod
+    def _shut(situation: Situation) -> bool:
+        """Whether unseen water at the bow lets the vehicle make no way."""
+        corridor, nearby = situation.corridor, situation.nearby
+        touched = nearby.unknown & (nearby.normal[:, 0] > 0.3) & (nearby.distance < TOUCHED)
+        return bool(touched.any() or (corridor.end == "unseen" and corridor.length < LEAST))
+
+    def _way_back(self, situation: Situation) -> tuple[float, float]:
+        """The heading, rad, with the longest known way astern for the turning it takes; and that way, m."""
+        headings = 2 * np.pi * np.arange(HEADINGS) / HEADINGS
+        known = np.array([situation.space.known_astern(situation.pose, heading, BACK) for heading in headings])
+        worth = known - TURN * np.abs(_angle(headings - situation.pose.heading))
+        if self._heading is not None:
+            worth -= HABIT * (np.abs(_angle(headings - self._heading)) > 0.01)
+        best = int(np.argmax(worth))
+        return float(headings[best]), float(known[best])
+
+
+def _angle(angle: Floats | float) -> Floats:
+    """Within half a turn."""
+    return np.asarray((angle + np.pi) % (2 * np.pi) - np.pi)
