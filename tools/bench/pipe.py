@@ -39,6 +39,8 @@ SECTOR = 10
 """Degrees; round the pipe what was seen is counted in these."""
 ENOUGH = 0.5
 """Share of the pipe's length, in steps of its radius, over which a sector must be there to count."""
+ENDS = (10, 90)
+"""Per cent of the points along the pipe between which its surface is judged: towards the ends of what was seen it frays."""
 
 
 @dataclass(frozen=True)
@@ -110,6 +112,9 @@ def bench(work: Path, picture: Path | None = None) -> Result:
     points = pipe.seen(rotation.apply(cloud) + shift)
     if picture is not None:
         draw(picture, pipe.radius, (points, (off, turn, along)))
+    first, last = np.percentile(points[2], ENDS)
+    well = (along > first) & (along < last)
+    off, turn, along = off[well], turn[well], along[well]
     covered = pipe.sectors(turn, along)
     sector = (turn % 360 // SECTOR).astype(int)
     means = np.array([off[sector == one].mean() for one in covered])
