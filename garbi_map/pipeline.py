@@ -178,6 +178,6 @@ def with_calibration(built: Map, database: Database, dive: Dive) -> Map:
     samples = MapSamples(built.seabed)
     for points in database.points():
         samples.add(points)
-    doubt = samples.uncertainty(built.path, dive.navigation.mount("rig"), dive.rig)
+    doubt = samples.uncertainty(database.poses_at, dive.navigation.mount("rig"), dive.rig)
     level = dive.config.export.surface_sigma if dive.navigation.pressure is not None else 0.0
     return replace(built, seabed=doubt.carried_into(built.seabed, level), doubt=doubt)

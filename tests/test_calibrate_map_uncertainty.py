@@ -59,7 +59,7 @@ def made(one: Dive, true: Rig, used: Rig, folder: Path) -> tuple[Seabed, MapUnce
     samples = MapSamples(seabed)
     for points in judged:
         samples.add(points)
-    return seabed, samples.uncertainty(registered.trajectory, MOUNT, used)
+    return seabed, samples.uncertainty(registered.trajectory.at, MOUNT, used)
 
 
 def test_maps_of_drawn_rigs_differ_as_stated(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ agree bends the map. To first order that is a linear network of sweeps, one for 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -21,6 +22,9 @@ from garbi_map.log.records import Floats, Mount
 from garbi_map.navigate import Trajectory
 from garbi_map.rig import Rig
 from garbi_map.seabed import JudgedPoints, Seabed
+
+Path = Callable[[NDArray[np.int64]], Trajectory]
+"""Poses at stamps, with their covariances."""
 
 CAREFUL = {
     "camera.alpha_u": 0.05,
@@ -105,13 +109,13 @@ class MapSamples:
         square, first = np.unique((row * self._shape[1] + column).astype(np.int64), return_index=True)
         self._parts.append((square, points.stamp_ns[first], points.points[first], points.gradient[first]))
 
-    def uncertainty(self, path: Trajectory, mount: Mount, rig: Rig) -> MapUncertainty:
-        """path: map <- base_link with its covariance on Earth; mount: base_link <- rig."""
+    def uncertainty(self, path: Path, mount: Mount, rig: Rig) -> MapUncertainty:
+        """path: map <- base_link at stamps, with its covariance on Earth; mount: base_link <- rig."""
         from garbi_map.seabed.kernels import point_errors
 
         square, stamps, points, slope = (np.concatenate(part) for part in zip(*self._parts, strict=True))
         sweep = np.repeat(np.arange(len(self._parts)), [len(part[0]) for part in self._parts])
-        base = path.at(stamps)
+        base = path(stamps)
         poses = base.mounted(mount)
         turn = poses.rotation
         seen = turn.inv().apply(points - poses.position)

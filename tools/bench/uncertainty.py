@@ -114,7 +114,7 @@ def bench(dive: BenchDive, config: Config, poses: str = "found") -> Result:
     samples = MapSamples(seabed)
     for points in judged:
         samples.add(points)
-    seabed = samples.uncertainty(path, mount, dive.scanner.rig).carried_into(seabed, 0.0)
+    seabed = samples.uncertainty(path.at, mount, dive.scanner.rig).carried_into(seabed, 0.0)
     error, sigma = cell_errors(seabed, np.concatenate([points.points[::7] for points in judged]), dive, inside)
     normalised = error / sigma
     low, high = np.percentile(normalised, [15.865, 84.135])

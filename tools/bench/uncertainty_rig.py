@@ -157,7 +157,7 @@ def make(dive: BenchDive, rig: Rig) -> Made:
     for points in judged:
         samples.add(points)
     cloud = np.concatenate([points.points[::7] for points in judged])
-    return Made(seabed, cloud, registered, samples.uncertainty(registered.trajectory, mount, rig))
+    return Made(seabed, cloud, registered, samples.uncertainty(registered.trajectory.at, mount, rig))
 
 
 def differences(one: Seabed, other: Seabed) -> tuple[Floats, Floats]:
