@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
+from garbi_map.calibrate.map_uncertainty import MapUncertainty
 from garbi_map.config import Config
 from garbi_map.errors import GarbiError
 from garbi_map.export import Located
@@ -77,6 +78,7 @@ class Map:
     seabed, path            of all dives
     accepted, rejected      points of all dives, and those left out, by reason
     located                 where on Earth `map` is
+    doubt                   what the calibration and the path leave open, where it was carried into the seabed
     """
 
     navigated: NavigationResult
@@ -86,6 +88,7 @@ class Map:
     accepted: int
     rejected: dict[str, int]
     located: Located = field(default_factory=Located)
+    doubt: MapUncertainty | None = None
 
 
 def open_dive(paths: list[Path], config: Config, rig_path: Path | None, span: Span = (None, None)) -> Dive:

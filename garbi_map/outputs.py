@@ -69,7 +69,7 @@ OUTPUTS = {
     "cloud.laz": "accepted points with time, intensity and sigma",
     "cloud.copc.laz": "the same file, by the name under which QGIS and PDAL know that they need not read all of it",
     "moving.laz": "points that later or earlier profiles saw through: what moved or floated, not in the map",
-    "seabed.tif": "elevation, uncertainty, density and standard deviation per cell",
+    "seabed.tif": "elevation, uncertainty, density, standard deviation and absolute uncertainty per cell",
     "contours.gpkg": "depth contours",
     "seabed.glb": "the surface as a mesh",
     "seabed.ply": "the same for CloudCompare and MeshLab, in double precision",
@@ -158,14 +158,13 @@ def make_report(dive: Dive, store: SweepStore, built: Map) -> Report:
         rejected=built.rejected,
         left_out=left_out,
         residuals=_residuals(built),
-        uncertainties=[*describe_seabed(built.seabed), *_pose_uncertainty(built)],
+        uncertainties=[*describe_seabed(built.seabed), *_pose_uncertainty(built), *_calibration(built)],
         bathymetry=bathymetry(
             built.seabed,
             built.registered,
             settings.widest_hole,
             dive.navigation.pressure is not None,
             built.located.sigma,
-            settings.surface_sigma,
         ),
         place=_place(built.located),
         timings_s={name: round(seconds, 3) for name, seconds in dive.timings.items()},
@@ -256,3 +255,21 @@ def _pose_uncertainty(built: Map) -> list[Quantity]:
             Quantity(name=f"attitude {where}", value=float(np.rad2deg(sigma[3:].max())), unit="deg", note="1 sigma"),
         ]
     return out
+
+
+def _calibration(built: Map) -> list[Quantity]:
+    """What the rig's calibration leaves open in the map."""
+    doubt, known = built.doubt, built.seabed.known
+    if doubt is None:
+        return []
+    told = (
+        "by the covariance in rig.yaml"
+        if doubt.told
+        else "rig.yaml tells no covariance: as after a careful calibration"
+    )
+    return [
+        Quantity(
+            name=f"calibration {where}", value=1e3 * float(np.median(sigma[known])), unit="mm", note=f"1 sigma; {told}"
+        )
+        for where, sigma in (("inside the map", doubt.bent), ("absolute", doubt.displaced))
+    ]

@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from garbi_map.aside import alone_in, remove_leftovers
+from garbi_map.calibrate.map_uncertainty import MapSamples
 from garbi_map.config import Config
-from garbi_map.db import Database, StoredDive, join_map, laid
+from garbi_map.db import Database, StoredDive, join_map, laid, lay_all
 from garbi_map.dive import Dive, Map, Span, open_dive
 from garbi_map.errors import GarbiError
 from garbi_map.estimate import Estimate, estimate, estimate_apart, sweeps_of, timed, trajectory_file
@@ -80,7 +81,7 @@ def build_map(
                 for dive in new
             ]
 
-        def lay(dive: Dive) -> Estimate:
+        def lay(dive: Dive) -> tuple[Dive, Estimate]:
             for _ in islice(apart, 1):  # it joins the map while others are still estimated
                 progress.advance()
             made = estimate(dive, database.folder, work, workers, progress, show)
@@ -88,16 +89,15 @@ def build_map(
                 with timed(dive, "place in the map"):
                     first = place_on_earth(database, dive, made).transform
                     join_map(database, stored(dive, made), made.judged.submaps, config.database.place, first)
-            return made
+            return dive, made
 
         with closing(crew.results(estimate_apart, jobs)) as apart:
-            for dive in new or dives[-1:]:
-                made = lay(dive)
+            dive, made = lay_all(new or dives[-1:], lay)
         with timed(dive, "fusion"):
             progress.stage("fusion")
             database.fuse(config.seabed, crew)
             database.remove_unnamed()
-            built = map_of(database, dive, made)
+            built = with_calibration(map_of(database, dive, made), database, dive)
         with published(database, out, config) as files:
             write_clouds(database, files, config, built.located.reference)
             write_outputs(files, out, dive, made.store, built, started, progress)
@@ -170,3 +170,13 @@ def write_clouds(database: Database, files: Path, config: Config, reference: Geo
         with CloudWriter(files / name, config.export.cloud_scale, reference, at_once) as cloud:
             for points in parts:
                 cloud.write(points)
+
+
+def with_calibration(built: Map, database: Database, dive: Dive) -> Map:
+    """The map with what the calibration and the path leave open in the uncertainties of its cells."""
+    samples = MapSamples(built.seabed)
+    for points in database.points():
+        samples.add(points)
+    doubt = samples.uncertainty(database.poses_at, dive.navigation.mount("rig"), dive.rig)
+    level = dive.config.export.surface_sigma if dive.navigation.pressure is not None else 0.0
+    return replace(built, seabed=doubt.carried_into(built.seabed, level), doubt=doubt)

@@ -169,9 +169,10 @@ def test_what_orders_allow_is_the_standards_formula() -> None:
 def test_inside_and_earth_are_told_apart() -> None:
     """Millimetres inside, decimetres below the water level: 1.96 sigma of depth, 2.45 sigma of position."""
     flat = grid(np.full((400, 400), -10.0, np.float32), sigma=2e-3)
-    found = bathymetry(flat, registered(), 0.02, True, 0.3, 0.1)
+    flat = replace(flat, absolute=np.full_like(flat.uncertainty, 0.1))
+    found = bathymetry(flat, registered(), 0.02, True, 0.3)
     assert found.tvu_inside_m == pytest.approx(1.96 * 2e-3, rel=1e-5)
-    assert found.tvu_earth_m == pytest.approx(1.96 * np.sqrt(2e-3**2 + 0.02**2 + 0.1**2), rel=1e-5)
+    assert found.tvu_earth_m == pytest.approx(1.96 * 0.1, rel=1e-5)
     assert found.thu_inside_m == pytest.approx(2.45 * np.hypot(1e-3, 0.005 / np.sqrt(12)))
     assert found.thu_earth_m == pytest.approx(2.45 * np.sqrt(0.02**2 + 0.005**2 / 12 + 0.3**2))
     by_name = {order.name: order for order in found.orders}
@@ -183,7 +184,7 @@ def test_inside_and_earth_are_told_apart() -> None:
 def test_what_nobody_knows_is_not_told() -> None:
     """No pressure, no depth; no sigma of the origin, no position on Earth; the table says so."""
     flat = grid(np.full((50, 50), 0.5, np.float32))
-    found = bathymetry(flat, registered(), 0.02, False, None, 0.1)
+    found = bathymetry(flat, registered(), 0.02, False, None)
     assert found.depth_m is found.tvu_earth_m is found.thu_earth_m is None
     assert all(order.earth_share is order.earth_position is None for order in found.orders)
     assert "not to be told" in survey_table(found) and "not known" in survey_table(found)
@@ -194,12 +195,10 @@ def test_a_gap_hides_a_cube_and_costs_an_order() -> None:
     """A hole of 0.6 m hides Exclusive order's cube and not Special's; one sweep is no double coverage."""
     elevation = np.full((400, 400), -10.0, np.float32)
     elevation[100:220, 140:260] = np.nan
-    found = bathymetry(grid(elevation), registered(), 0.02, True, 0.1, 0.01)
+    found = bathymetry(grid(elevation), registered(), 0.02, True, 0.1)
     by_name = {order.name: order for order in found.orders}
     assert found.widest_gap_m == pytest.approx(0.6, abs=0.011)
     assert by_name["Special"].features and not by_name["Exclusive"].features
     assert found.covered_once == pytest.approx(1 - 120**2 / 400**2, abs=1e-3)
-    once = bathymetry(
-        replace(grid(np.full((400, 400), -10.0, np.float32), sweeps=1)), registered(), 0.02, True, 0.1, 0.01
-    )
+    once = bathymetry(replace(grid(np.full((400, 400), -10.0, np.float32), sweeps=1)), registered(), 0.02, True, 0.1)
     assert once.orders[3].covered and not once.orders[4].covered and once.covered_twice == 0.0

@@ -64,16 +64,17 @@ def test_cloud_opens_with_sigma_and_time(finished: Path) -> None:
     assert cloud.gps_time.min() < cloud.gps_time.max()
 
 
-def test_seabed_is_a_georaster_of_four_bands(finished: Path) -> None:
-    """rasterio reads elevation, uncertainty, density and standard deviation."""
+def test_seabed_is_a_georaster_of_five_bands(finished: Path) -> None:
+    """rasterio reads elevation, uncertainty, density, standard deviation, and an absolute uncertainty that is larger."""
     import numpy as np
     import rasterio
 
     with rasterio.open(finished / "seabed.tif") as raster:
-        elevation, uncertainty, density, _ = raster.read(masked=True)
+        elevation, uncertainty, density, _, absolute = raster.read(masked=True)
         assert raster.tags(ns="IMAGE_STRUCTURE")["LAYOUT"] == "COG"
     known = ~np.ma.getmaskarray(elevation)
-    assert known.any() and (uncertainty[known] > 0).all() and density[known].sum() > 50_000
+    assert known.any() and (uncertainty[known] > 0).all() and (absolute > uncertainty)[known].all()
+    assert density[known].sum() > 50_000
 
 
 def test_mesh_and_pictures_open(finished: Path) -> None:

@@ -162,3 +162,48 @@ def test_a_sweep_without_points_is_no_trouble() -> None:
     nothing, whole = judged([(empty, poses), (sweep, poses)])
     assert len(nothing.points) == 0
     assert whole.mask.all()
+
+
+def plate_kept(views: list[tuple[float, bool]], side: float, height: float) -> float:
+    """Share of the points of a plate, so wide about x = y = 0.3 m, that is kept; views: where each sweep begins, m, and
+    whether the plate was there."""
+    posed, on = [], []
+    for k, (begin, there) in enumerate(views):
+
+        def plate(x: Floats, y: Floats, there: bool = there) -> Floats:
+            return there & (np.abs(x - 0.3) < side / 2) & (np.abs(y - 0.3) < side / 2)
+
+        def scene(x: Floats, y: Floats, plate: Height = plate) -> Floats:
+            return np.where(plate(x, y), height, 0.0)
+
+        sweep, poses = scan(scene, k, begin=begin)
+        ray, eye = poses.rotation[0].apply(sweep.points), poses.position[0]
+        hit = eye[2] + ray[:, 2] > 0.5 * height
+        higher = eye[:2] + ray[:, :2] * (eye[2] - height) / eye[2]
+        lit = hit | ~plate(higher[:, 0], higher[:, 1])  # the rest of the floor lies in the plate's shadow
+        kept_of = {name: getattr(sweep, name)[lit] for name in ("points", "sigma", "intensity", "profile", "row")}
+        posed.append((replace(sweep, **kept_of), poses))
+        on.append(hit[lit])
+    mask = np.concatenate([points.mask for points in judged(posed)])
+    plate_points = np.concatenate(on)
+    assert plate_points.sum() > 50
+    assert mask[~plate_points].mean() > 0.999
+    return float(mask[plate_points].mean())
+
+
+def test_the_part_of_a_body_that_was_looked_at_again_speaks_for_the_rest() -> None:
+    """Of a plate of 20 cm later sweeps see through a half; all of it goes. Where they see it again, all of it stays."""
+    assert plate_kept([(0.0, True), (0.25, False), (0.25, False)], side=0.2, height=0.25) < 0.02
+    assert plate_kept([(0.0, True), (0.25, True), (0.25, True)], side=0.2, height=0.25) > 0.99
+
+
+def test_what_floats_over_the_seabed_is_none_of_it_unless_it_is_seen_again() -> None:
+    """No ray passes through a plate 70 cm up, but two sweeps see the floor under it from the side."""
+    beside = [(-0.25, False), (-0.25, False)]
+    assert plate_kept([(0.0, True), *beside], side=0.04, height=0.7) < 0.02
+    assert plate_kept([(0.0, True), *beside, (0.0, True)], side=0.04, height=0.7) > 0.99
+
+
+def test_what_stands_on_the_seabed_stays_although_it_was_seen_once() -> None:
+    """The top of a box, 10 cm above the floor on all sides, in a single sweep."""
+    assert plate_kept([(0.0, True)], side=0.2, height=0.1) > 0.99

@@ -2,7 +2,7 @@
 
 from garbi_map.db.catalogue import StoredDive, StoredSubmap
 from garbi_map.db.database import Database
-from garbi_map.db.join import join_map
+from garbi_map.db.join import join_map, lay_all
 from garbi_map.db.kept import keep, recall
 from garbi_map.db.settings import DatabaseSettings, PlaceSettings
 from garbi_map.db.submaps import Pose, SubmapFile, write_submap
@@ -19,6 +19,7 @@ __all__ = [
     "join_map",
     "keep",
     "laid",
+    "lay_all",
     "recall",
     "write_poses",
     "write_submap",

@@ -9,6 +9,7 @@ from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from garbi_map.aside import remove_leftovers
 from garbi_map.db.catalogue import Catalogue, StoredDive, StoredSubmap
@@ -137,6 +138,18 @@ class Database:
             np.concatenate([part.quaternion for part in parts])[order],
             np.concatenate([part.covariance for part in parts])[order],
         )
+
+    def poses_at(self, stamp_ns: NDArray[np.int64]) -> Trajectory:
+        """The poses map <- base_link at stamps (n,) of any of the dives, with their covariances."""
+        position, quaternion = np.zeros((len(stamp_ns), 3)), np.zeros((len(stamp_ns), 4))
+        covariance = np.zeros((len(stamp_ns), 6, 6), np.float32)
+        for dive in self.dives:
+            own = laid(read_poses(self.path(dive.trajectory)), dive.submaps)
+            mine = (stamp_ns >= own.stamp_ns[0]) & (stamp_ns <= own.stamp_ns[-1])
+            there = own.at(stamp_ns[mine])
+            position[mine], quaternion[mine] = there.position, there.quaternion
+            covariance[mine] = there.covariance
+        return Trajectory(stamp_ns, position, quaternion, covariance)
 
     def remove_unnamed(self) -> None:
         """Remove what an interrupted run has written and no commit named, and what later commits replaced."""

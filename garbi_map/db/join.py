@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import reduce
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,33 @@ from garbi_map.db.submaps import Pose, SubmapFile, read_submap
 from garbi_map.errors import GarbiError
 from garbi_map.register.surfels import Surfels, join
 
+Item = TypeVar("Item")
+Laid = TypeVar("Laid")
+
+
+class Unplaced(GarbiError):
+    """A dive whose place among the others is not sure."""
+
+
+def lay_all(items: Sequence[Item], lay: Callable[[Item], Laid]) -> Laid:
+    """`lay` each, those that are refused again after others that may lie between; returns what the last was laid as.
+
+    Raises the first Unplaced of those that are left when nothing more can be laid.
+    """
+    waiting = list(items)
+    while True:
+        refused: list[tuple[Item, Unplaced]] = []
+        for item in waiting:
+            try:
+                laid = lay(item)
+            except Unplaced as error:
+                refused.append((item, error))
+        if not refused:
+            return laid
+        if len(refused) == len(waiting):
+            raise refused[0][1]
+        waiting = [item for item, _ in refused]
+
 
 def join_map(
     database: Database,
@@ -31,7 +59,7 @@ def join_map(
 
     first: map <- dive (4, 4) of the one with which a map begins; without it, that dive's frame is the map's.
 
-    Raises GarbiError, and the map stays as it is, where the dive's place in it is not sure.
+    Raises Unplaced, and the map stays as it is, where the dive's place in it is not sure.
     """
     others = [known for known in database.dives if known.recording != dive.recording]
     known = [submap for other in others for submap in other.submaps]
@@ -44,7 +72,7 @@ def join_map(
         ground = _surfels(database.folder, known, settings)
         found = place(ground, surfels, settings)
         if isinstance(found, str):
-            raise GarbiError(
+            raise Unplaced(
                 f"{dive.title}: cannot be laid on the map in {database.folder.parent}: {found}; "
                 "choose another folder for it"
             )

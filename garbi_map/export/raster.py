@@ -19,21 +19,31 @@ BANDS = (
     ("density", "points", "accepted points in the cell"),
     ("standard deviation", "m", "spread of the points in the cell about the local slope"),
 )
+ABSOLUTE = (
+    "absolute uncertainty",
+    "m",
+    "1 sigma of the elevation on Earth: path, calibration and water level included",
+)
 
 
 def write_seabed_tif(path: Path, seabed: Seabed, reference: Georeference | None = None) -> None:
-    """Bands elevation, uncertainty, density and standard deviation (float32, no-data NaN), north up.
+    """Bands elevation, uncertainty, density, standard deviation and, where it is known, absolute uncertainty (float32,
+    no-data NaN), north up.
 
     Raises GarbiError where the file cannot be written.
     """
     own = reference or Georeference()
-    layers = (
+    bands = list(BANDS)
+    layers: list[NDArray] = [
         seabed.elevation.astype(np.float64) + own.shift[2],
         seabed.uncertainty,
         np.where(seabed.known, seabed.density, np.nan),
         seabed.standard_deviation,
-    )
-    write_raster(path, BANDS, layers, (seabed.origin[0], seabed.origin[1]), seabed.cell, own)
+    ]
+    if seabed.absolute is not None:
+        bands.append(ABSOLUTE)
+        layers.append(seabed.absolute)
+    write_raster(path, bands, layers, (seabed.origin[0], seabed.origin[1]), seabed.cell, own)
 
 
 def write_raster(

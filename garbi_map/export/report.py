@@ -172,13 +172,25 @@ def describe_seabed(seabed: Seabed) -> list[Quantity]:
     uncertainty = 1e3 * seabed.uncertainty[known]
     median, high = np.percentile(uncertainty, [50, 95])
     depth = -seabed.elevation[known]
+    absolute = [] if seabed.absolute is None else [1e3 * float(np.median(seabed.absolute[known]))]
     return [
         Quantity(name="area", value=seabed.area, unit="m²", note="of cells with at least one point"),
         Quantity(name="cell", value=1e3 * seabed.cell, unit="mm"),
         Quantity(name="depth from", value=float(depth.min()), unit="m"),
         Quantity(name="depth to", value=float(depth.max()), unit="m"),
-        Quantity(name="uncertainty, median", value=float(median), unit="mm", note="1 sigma of a cell's elevation"),
+        Quantity(
+            name="uncertainty, median",
+            value=float(median),
+            unit="mm",
+            note="1 sigma of a cell's elevation, inside the map",
+        ),
         Quantity(name="uncertainty, 95th percentile", value=float(high), unit="mm"),
+        *(
+            Quantity(
+                name="absolute uncertainty, median", value=value, unit="mm", note="1 sigma of the elevation on Earth"
+            )
+            for value in absolute
+        ),
         Quantity(name="density, median", value=float(np.median(seabed.density[known])), unit="points per cell"),
         Quantity(
             name="cells of five or more points",

@@ -58,23 +58,21 @@ def bathymetry(
     widest_hole: float,
     has_depth: bool,
     origin_sigma: float | None,
-    surface_sigma: float,
 ) -> Bathymetry:
     """The figures of a map, and what each order says to them.
 
     has_depth       whether heights count from the surface of the water
     origin_sigma    m, 1 sigma along each axis of where the map is on Earth; None where nobody knows
-    surface_sigma   m, 1 sigma of the level that depths count from
     """
     known = seabed.known
     sigma = seabed.uncertainty[known].astype(np.float64)
     depth = -seabed.elevation[known].astype(np.float64) if has_depth else np.zeros(len(sigma))
-    inside_xy, _ = _pose_sigma(registered.inside.covariance)
-    earth_xy, earth_z = _pose_sigma(registered.trajectory.covariance)
+    inside_xy = _pose_sigma(registered.inside.covariance)
+    earth_xy = _pose_sigma(registered.trajectory.covariance)
     cell = seabed.cell / np.sqrt(12.0)  # a point may lie anywhere in its cell
     vertical = {"inside": _SCALAR * sigma}
-    if has_depth:
-        vertical["earth"] = _SCALAR * np.sqrt(sigma**2 + earth_z**2 + surface_sigma**2)
+    if has_depth and seabed.absolute is not None:
+        vertical["earth"] = _SCALAR * seabed.absolute[known].astype(np.float64)
     horizontal = {"inside": _RADIAL * float(np.hypot(inside_xy, cell))}
     if origin_sigma is not None:
         horizontal["earth"] = _RADIAL * float(np.sqrt(earth_xy**2 + cell**2 + origin_sigma**2))
@@ -108,7 +106,7 @@ def bathymetry(
     return Bathymetry(
         depth_m=middle if has_depth else None,
         tvu_inside_m=float(np.median(vertical["inside"])),
-        tvu_earth_m=float(np.median(vertical["earth"])) if has_depth else None,
+        tvu_earth_m=float(np.median(vertical["earth"])) if "earth" in vertical else None,
         thu_inside_m=horizontal["inside"],
         thu_earth_m=horizontal.get("earth"),
         widest_gap_m=gap,
@@ -120,10 +118,10 @@ def bathymetry(
     )
 
 
-def _pose_sigma(covariance: NDArray[np.floating]) -> tuple[float, float]:
-    """Median 1 sigma of the poses along a horizontal axis, and vertically, m."""
-    variance = np.maximum(np.diagonal(covariance, axis1=1, axis2=2)[:, :3].astype(np.float64), 0.0)
-    return float(np.median(np.sqrt(variance[:, :2].mean(axis=1)))), float(np.median(np.sqrt(variance[:, 2])))
+def _pose_sigma(covariance: NDArray[np.floating]) -> float:
+    """Median 1 sigma of the poses along a horizontal axis, m."""
+    variance = np.maximum(np.diagonal(covariance, axis1=1, axis2=2)[:, :2].astype(np.float64), 0.0)
+    return float(np.median(np.sqrt(variance.mean(axis=1))))
 
 
 def _widest_gap(empty: NDArray[np.bool_], cell: float) -> float:

@@ -68,7 +68,7 @@ SURROUNDING = np.dtype(
         ("voxels", np.int32),  # voxels that were hit
         ("through", np.float32),  # profiles that would have hit it and went on, summed over the voxels
         ("several", np.bool_),  # more than one profile hit it
-        ("share", np.float32),  # of the support that the best place of its column has
+        ("moved", np.bool_),  # what was there is not there always, or belongs to a body that moves
         ("x", np.float32),  # centroid, m from the voxel's centre
         ("y", np.float32),
         ("z", np.float32),

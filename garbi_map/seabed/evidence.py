@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from garbi_map.seabed.bodies import moving_bodies
 from garbi_map.seabed.cells import SURROUNDING, VOXEL
 from garbi_map.seabed.settings import OutlierSettings
 
@@ -26,6 +27,7 @@ class Evidence:
         self._used = 0
         self._profiles = 0
         self._passed = 0
+        self._longest = 0
         self._blocks: NDArray[np.int64] | None = None
         self._surrounding: NDArray[np.void] | None = None
 
@@ -47,6 +49,7 @@ class Evidence:
             kernels.rehash(self._voxels, larger)
             self._voxels = larger
         self._profiles += profiles
+        self._longest = max(self._longest, profiles)
         self._surrounding = self._blocks = None
 
     def pass_through(
@@ -89,7 +92,7 @@ class Evidence:
         from garbi_map.seabed import evidence_kernels as kernels
 
         if self._surrounding is None:
-            self._surrounding = _surroundings(self._voxels, self._settings)
+            self._surrounding = _surroundings(self._voxels, self._longest, self._settings)
         verdict = self._first_verdicts(placed, sigma)
         gradient = np.zeros((len(placed), 2))
         own = self._settings
@@ -102,9 +105,6 @@ class Evidence:
             own.voxel,
             own.min_points,
             own.min_run,
-            own.min_share,
-            own.max_through,
-            own.every,
             own.gate,
             verdict,
             gradient,
@@ -136,8 +136,8 @@ def _occupied(voxels: NDArray[np.void]) -> NDArray[np.int64]:
         length *= 2
 
 
-def _surroundings(voxels: NDArray[np.void], settings: OutlierSettings) -> NDArray[np.void]:
-    """SURROUNDING of every voxel, in the order of the table."""
+def _surroundings(voxels: NDArray[np.void], longest: int, settings: OutlierSettings) -> NDArray[np.void]:
+    """SURROUNDING of every voxel, in the order of the table; longest: profiles of the longest sweep."""
     from garbi_map.seabed import evidence_kernels as kernels
 
     surrounding = np.zeros(len(voxels), SURROUNDING)
@@ -154,11 +154,23 @@ def _surroundings(voxels: NDArray[np.void], settings: OutlierSettings) -> NDArra
         # what passes beside a thin cable proves nothing; what would have hit it is seldom, the more so the thinner
         thin = here[value[:, 1] < settings.beam**2]
         surrounding["through"][begin + thin] = pierced[thin] * (settings.beam / settings.thin_beam)
-    full = np.flatnonzero(voxels["key"] != -1)
     # fewer points than a plane needs with some to spare do not say how thick the surface is
     surrounding["thickness"][surrounding["count"] < 10] = np.inf
-    column, member = np.unique(voxels["key"][full] >> 21, return_inverse=True)
-    best = np.zeros(len(column), np.int32)
-    np.maximum.at(best, member, surrounding["support"][full])
-    surrounding["share"][full] = surrounding["support"][full] / best[member]
+    full = np.flatnonzero(voxels["key"] != -1)
+    full = full[np.argsort(voxels["key"][full])]
+    key = voxels["key"][full]
+    moved = _seen_through(key, surrounding["support"][full], surrounding["through"][full], settings)
+    again = (voxels["last"] - voxels["first"])[full] > longest
+    surrounding["moved"][full] = moved | moving_bodies(key, voxels["count"][full], moved, again, settings)
     return surrounding
+
+
+def _seen_through(
+    key: NDArray[np.int64], support: NDArray[np.int32], through: NDArray[np.float32], settings: OutlierSettings
+) -> NDArray[np.bool_]:
+    """Where nearly all profiles that passed saw something else (n,), of voxels in the order of their keys."""
+    starts = np.flatnonzero(np.r_[True, np.diff(key >> 21) != 0])
+    best = np.maximum.reduceat(support, starts)
+    share = support / np.repeat(best, np.diff(np.r_[starts, len(key)]))
+    passed = settings.every * through  # one ray in so many was followed
+    return (share < settings.min_share) | (passed > settings.max_through * (passed + support))

@@ -90,7 +90,7 @@ def rehash(old, new):
 
 @njit(cache=True, nogil=True)
 def surroundings(voxels, side, begin, surrounding, covariance, pierced):
-    """Sum up the 3 x 3 x 3 voxels about each of the k voxels from slot `begin` on: all of `surrounding` but share, normal
+    """Sum up the 3 x 3 x 3 voxels about each of the k voxels from slot `begin` on: all of `surrounding` but moved, normal
     and thickness, the covariance (k, 3, 3) of its points, m^2, and how many profiles pierced them (k,)."""
     low = (1 << 21) - 1
     for slot in range(begin, begin + len(covariance)):
@@ -193,9 +193,6 @@ def judge_points(
     side,
     min_points,
     min_run,
-    min_share,
-    max_through,
-    every,
     gate,
     verdict,
     gradient,
@@ -216,8 +213,7 @@ def judge_points(
         if voxel.key == -1 or not (shared or run[i] >= min_run):
             verdict[i] = ISOLATED
             continue
-        through = every * about.through  # one ray in so many was followed
-        if about.share < min_share or through > max_through * (through + about.support):
+        if about.moved:
             verdict[i] = SEEN_THROUGH
             continue
         off = (

@@ -27,6 +27,18 @@ class OutlierSettings(Settings):
         le=1.0,
         description="of the profiles that hit a place or saw through it, those that saw through, beyond which it moved",
     )
+    body: float = Field(default=0.5, gt=0.0, description="m, longest side of what may move as one body")
+    body_through: float = Field(
+        default=0.2,
+        gt=0.0,
+        le=1.0,
+        description="of a body's points, beyond which those seen through speak for all that was not looked at again",
+    )
+    clearance: float = Field(
+        default=0.05,
+        gt=0.0,
+        description="m between the seabed and what floats over it and is no seabed unless seen again",
+    )
     gap: float = Field(default=0.02, gt=0.0, description="m before what a ray hits, within which it proves nothing")
     beam: float = Field(default=0.003, gt=0.0, description="m from the middle of a voxel's points to a ray through it")
     thin_beam: float = Field(default=0.0012, gt=0.0, description="m, likewise for what is thinner than such a ray")

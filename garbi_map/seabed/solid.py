@@ -10,6 +10,7 @@ from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from garbi_map.errors import GarbiError
 from garbi_map.seabed.settings import SolidSettings
@@ -24,6 +25,8 @@ _LEAST = 200
 """Averaged points of a tile that are worth a surface."""
 _PENDING = 400_000
 """Points of a tile that wait to be averaged."""
+_FACING = 0.5
+"""Cosine between a surface's normal and that of the nearest point, from which on the two are of one surface."""
 _HALF = 1 << 20
 
 
@@ -86,13 +89,14 @@ class SolidSurface:
             cloud, depth=int(np.clip(depth, 4, own.deepest)), n_threads=1
         )
         vertices, triangles = np.asarray(mesh.vertices), np.asarray(mesh.triangles)
-        away = np.asarray(
-            o3d.geometry.PointCloud(o3d.utility.Vector3dVector(vertices)).compute_point_cloud_distance(cloud)
-        )
-        seen = (away < own.reach)[triangles].all(axis=1)
+        tree = cKDTree(points)
+        seen = (tree.query(vertices)[0] < own.reach)[triangles].all(axis=1)
         middle = vertices[triangles].mean(axis=1)
         inside = ((middle >= 0) & (middle < own.tile)).all(axis=1)
-        triangles = triangles[seen & inside]
+        mesh.compute_triangle_normals()
+        # where the points end the surface turns off to close itself, and faces elsewhere
+        facing = (np.asarray(mesh.triangle_normals) * normals[tree.query(middle)[1]]).sum(axis=1) > _FACING
+        triangles = triangles[seen & inside & facing]
         if len(triangles):
             used, triangles = np.unique(triangles, return_inverse=True)
             yield vertices[used] + low, triangles.reshape(-1, 3)

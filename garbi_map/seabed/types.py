@@ -16,7 +16,8 @@ class Verdict(IntEnum):
     INVALID = 1  # not finite, without a sigma, or kilometres away
     UNCERTAIN = 2  # its sigma is beyond the limit
     ISOLATED = 3  # nothing else near: marine snow
-    SEEN_THROUGH = 4  # nearly all profiles that passed there saw something else: snow, fish, reflections
+    SEEN_THROUGH = 4  # nearly all profiles that passed there, or by other parts of the same body, saw something else,
+    # or it floats and nobody saw it again: snow, fish, reflections
     OFF_SURFACE = 5  # beside a surface, farther than its sigma allows, and alone there
 
     @property
@@ -91,6 +92,7 @@ class Seabed:
     standard_deviation   (rows, columns) float32, spread of the points in the cell about the local slope, m
     intensity            (rows, columns) float32, mean, 0..255
     sweeps               (rows, columns) int32, sweeps that saw the cell
+    absolute             (rows, columns) float32, 1 sigma of the elevation on Earth, m; None where nobody has told it
     """
 
     origin: tuple[float, float]
@@ -101,6 +103,7 @@ class Seabed:
     standard_deviation: NDArray[np.float32]
     intensity: NDArray[np.float32]
     sweeps: NDArray[np.int32]
+    absolute: NDArray[np.float32] | None = None
 
     @property
     def known(self) -> NDArray[np.bool_]:

@@ -3,7 +3,7 @@
     python -m tools.bench.moving [--seeds N] [--keep DIR] [-o FILE.json]
 
 scenarios/moving.yaml (a fish under the vehicle, a swinging cable) and a harder one, cast without images, placed by their
-own registration. Beside each: what thin support alone removes, without looking at what was seen through.
+own registration. Beside each: what thin support alone removes, without looking at what was seen through or floats.
 """
 
 from __future__ import annotations
@@ -90,10 +90,10 @@ def bench(name: str, scenario: Scenario, work: Path) -> Result:
         posed = [(sweep, inside.at(sweep.stamp_ns).mounted(mount)) for sweep in store]
     eyes = dive.scanner.rig.eyes
     now = _removed(SeabedBuilder(config.seabed, mount, eyes), posed)
-    blind = config.seabed.outliers.model_copy(update={"max_through": 1.0})
+    blind = config.seabed.outliers.model_copy(update={"max_through": 1.0, "body": 1e-6})
     before = _removed(SeabedBuilder(SeabedSettings(outliers=blind), mount, eyes), posed)
     any_ray = config.seabed.outliers.model_copy(
-        update={"max_through": 1e-6, "beam": 0.008, "thin_beam": 0.008, "every": 1}
+        update={"max_through": 1e-6, "beam": 0.008, "thin_beam": 0.008, "every": 1, "body": 1e-6}
     )
     again = _removed(SeabedBuilder(SeabedSettings(outliers=any_ray), mount, eyes), posed)[mover]
     share = [round(100 * float(gone[mask].mean()), 3) for gone in (now, before) for mask in (mover, still)]

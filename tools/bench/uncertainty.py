@@ -21,11 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from garbi_map.calibrate.map_uncertainty import MapSamples
 from garbi_map.config import Config
 from garbi_map.evaluate import TrueSurface
 from garbi_map.navigate import Trajectory, navigate
 from garbi_map.register import register
-from garbi_map.seabed import AcceptedPoints, Seabed, build_seabed
+from garbi_map.seabed import AcceptedPoints, JudgedPoints, Seabed, build_seabed
 from garbi_map.sweep import Sweep
 from tools.bench.dives import BenchDive, recorded, scenarios, shared_dives, simulated
 
@@ -92,23 +93,29 @@ def bench(dive: BenchDive, config: Config, poses: str = "found") -> Result:
     mount = dive.navigation.mount("rig")
     with tempfile.TemporaryDirectory() as scratch:
         store = dive.copied(Path(scratch) / "sweeps")
-        inside = dive.truth.trajectory
+        inside = path = dive.truth.trajectory
         if poses == "found":
             navigated = navigate(dive.navigation, config.navigate, store.stamps())
-            inside = register(
+            registered = register(
                 store, dive.navigation, navigated, config.registration, config.navigate, scanner=dive.scanner
-            ).inside
-        parts: list[Floats] = []
+            )
+            inside, path = registered.inside, registered.trajectory
+        judged: list[JudgedPoints] = []
 
         def posed() -> Iterator[tuple[Sweep, Trajectory]]:
             for sweep in store:
                 yield sweep, inside.at(sweep.stamp_ns).mounted(mount)
 
         def take(points: AcceptedPoints) -> None:
-            parts.append(points.points[::7])
+            assert isinstance(points, JudgedPoints)
+            judged.append(points)
 
         seabed, _ = build_seabed(posed, config.seabed, mount, take, dive.scanner.rig.eyes)
-    error, sigma = cell_errors(seabed, np.concatenate(parts), dive, inside)
+    samples = MapSamples(seabed)
+    for points in judged:
+        samples.add(points)
+    seabed = samples.uncertainty(path.at, mount, dive.scanner.rig).carried_into(seabed, 0.0)
+    error, sigma = cell_errors(seabed, np.concatenate([points.points[::7] for points in judged]), dive, inside)
     normalised = error / sigma
     low, high = np.percentile(normalised, [15.865, 84.135])
     counts = np.histogram(np.clip(normalised, EDGES[0] - 0.1, EDGES[-1] + 0.1), np.r_[-np.inf, EDGES, np.inf])[0]
@@ -126,6 +133,22 @@ def bench(dive: BenchDive, config: Config, poses: str = "found") -> Result:
 
 def cell_errors(seabed: Seabed, cloud: Floats, dive: BenchDive, inside: Trajectory) -> tuple[Floats, Floats]:
     """Error of the elevation (k,) m of the cells that can be compared, and the sigma (k,) m that they claim."""
+    assert dive.truth.surface is not None
+    rotation, shift = onto_truth(cloud, dive, inside)
+    x, y = np.meshgrid(*seabed.centres())
+    known = seabed.known
+    cells = np.stack([x[known], y[known], seabed.elevation[known].astype(float)], axis=1)
+    places = rotation.apply(cells) + shift
+    heights, slope = _true_heights(*dive.truth.surface, places, seabed.cell)
+    good = np.isfinite(heights) & (slope < STEEPEST)
+    # truth_seabed.ply may be cropped, and the ray meets the top of what overhangs
+    good &= np.abs(places[:, 2] - heights) < 0.03
+    return (places[:, 2] - heights)[good], seabed.uncertainty[known].astype(float)[good]
+
+
+def onto_truth(cloud: Floats, dive: BenchDive, inside: Trajectory) -> tuple[Rotation, Floats]:
+    """The one rigid motion of a map, rotation and shift (3,) m, that lays its path on the true one and then its cloud (n, 3)
+    on the true surface."""
     from garbi_map.evaluate import rigid_alignment
 
     assert dive.truth.trajectory is not None and dive.truth.surface is not None
@@ -134,18 +157,9 @@ def cell_errors(seabed: Seabed, cloud: Floats, dive: BenchDive, inside: Trajecto
     made = inside.at(inside.stamp_ns[within])
     rotation, shift = rigid_alignment(made, true.at(made.stamp_ns))
     rough = rotation.apply(cloud) + shift
-    vertices, triangles = dive.truth.surface
-    fine = TrueSurface(vertices, triangles).aligned(rough)
+    fine = TrueSurface(*dive.truth.surface).aligned(rough)
     turn, _ = Rotation.align_vectors(fine - fine.mean(0), rough - rough.mean(0))
-    x, y = np.meshgrid(*seabed.centres())
-    known = seabed.known
-    cells = np.stack([x[known], y[known], seabed.elevation[known].astype(float)], axis=1)
-    places = turn.apply(rotation.apply(cells) + shift - rough.mean(0)) + fine.mean(0)
-    heights, slope = _true_heights(vertices, triangles, places, seabed.cell)
-    good = np.isfinite(heights) & (slope < STEEPEST)
-    # truth_seabed.ply may be cropped, and the ray meets the top of what overhangs
-    good &= np.abs(places[:, 2] - heights) < 0.03
-    return (places[:, 2] - heights)[good], seabed.uncertainty[known].astype(float)[good]
+    return turn * rotation, turn.apply(shift - rough.mean(0)) + fine.mean(0)
 
 
 def _true_heights(vertices: Floats, triangles: NDArray[np.int32], places: Floats, cell: float) -> tuple[Floats, Floats]:

@@ -81,7 +81,7 @@ class Seabed(Settings):
     stone_size: tuple[Positive, Positive] = (0.02, 0.12)  # m, smallest and largest radius
     pipe_radius: NotNegative = 0.0  # m; 0: no pipe
     block: bool = False  # the parallelepiped with a slanting side of 82 mm, near the start
-    rod_radius: NotNegative = 0.0  # m; a thin rod held 15 cm above the ground across the route; 0: none
+    rod_radius: NotNegative = 0.0  # m; a rod held 15 cm above the ground across the route; 0: none
     wall: NotNegative = 0.0  # m, height of a wall ahead of the route; 0: none
     wall_distance: float = 1.5  # m, of the wall ahead of the route's end
     albedo: Share = 0.3  # mean diffuse reflectance
