@@ -55,6 +55,8 @@ def garbi(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) ->
 @pytest.fixture(scope="session")
 def dive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The first eight seconds of the sample log: three sweeps, two turning points of the laser, every sensor."""
-    from dive_logs import SAMPLE, rewrite
+    from dive_logs import SAMPLE, rewrite, without
 
-    return rewrite(SAMPLE, tmp_path_factory.mktemp("dive") / "dive.mcap", seconds=7.6)
+    return rewrite(
+        SAMPLE, tmp_path_factory.mktemp("dive") / "dive.mcap", seconds=7.6, change=without("/tf", "/truth/seabed")
+    )

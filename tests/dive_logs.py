@@ -8,6 +8,7 @@ from typing import Any
 
 from garbi_map.log import LogWriter, open_log
 from garbi_map.log.decode import stamp_of
+from garbi_map.log.navigation import TRANSFORMS
 
 SAMPLE = Path(__file__).resolve().parents[1] / "logs" / "sample.mcap"
 
@@ -45,7 +46,7 @@ def rewrite(
         for topic, raw in log.messages(set(log.topics), end_ns=log.begin_ns + round(min(seconds, 1e6) * 1e9)):
             type_name = log.topics[topic].type
             message = writer.types.deserialize_cdr(raw.data, type_name)
-            stamp = raw.log_time if topic == "/tf_static" else stamp_of(raw.data)
+            stamp = raw.log_time if type_name == TRANSFORMS else stamp_of(raw.data)
             at = (stamp - log.begin_ns) * 1e-9
             message = change(topic, at, message) if at < seconds else None
             if message is None:

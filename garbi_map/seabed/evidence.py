@@ -169,7 +169,9 @@ def _seen_through(
     key: NDArray[np.int64], support: NDArray[np.int32], through: NDArray[np.float32], settings: OutlierSettings
 ) -> NDArray[np.bool_]:
     """Where nearly all profiles that passed saw something else (n,), of voxels in the order of their keys."""
-    starts = np.flatnonzero(np.r_[True, np.diff(key >> 21) != 0])
+    starts = np.flatnonzero(np.diff(key >> 21, prepend=-1))
+    if len(starts) == 0:
+        return np.zeros(0, bool)
     best = np.maximum.reduceat(support, starts)
     share = support / np.repeat(best, np.diff(np.r_[starts, len(key)]))
     passed = settings.every * through  # one ray in so many was followed

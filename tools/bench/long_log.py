@@ -53,7 +53,7 @@ def write_long(source: Path, target: Path, hours: float, gigabytes: float, image
     """Write a log of so many hours and bytes; one image every `images_every` seconds."""
     log = open_log([source])
     assert log.rig_text is not None
-    topics = {name for name in log.topics if name != "/tf_static" and not name.startswith("/truth")}
+    topics = {name for name in log.topics if not name.startswith(("/tf", "/truth"))}
     found = [(topic, bytes(raw.data)) for topic, raw in log.messages(topics)]
     messages = sorted((stamp_of(memoryview(data)), topic, data) for topic, data in found)
     length = log.end_ns - log.begin_ns + 10_000_000

@@ -53,7 +53,7 @@ def write_log(path: Path, compression: Any, size: int = 2_000_000, chunk_size: i
     with LogWriter(path, compression=compression, chunk_size=chunk_size) as writer:
         writer.attach("rig.yaml", "application/yaml", (log.rig_text or "").encode())
         writer.write_metadata("dive", {"place": "a tank", "pilot": "nobody"})
-        for topic, raw in log.messages(set(log.topics)):
+        for topic, raw in log.messages({name for name in log.topics if name not in ("/tf", "/truth/seabed")}):
             type_name = log.topics[topic].type
             message = writer.types.deserialize_cdr(raw.data, type_name)
             writer.write(topic, type_name, message, raw.log_time, raw.publish_time)
