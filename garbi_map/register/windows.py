@@ -204,7 +204,7 @@ def extend(
     rounds, problem = estimate_drift(
         scans, motion, factors, settings, near_only=near_only, far_only=far_only, elsewhere=elsewhere
     )
-    path = _sample(motion, problem)
+    path = _sample(motion, None if near_only else problem)
     surfels = scans.surfels(motion, settings.surfel_size, settings.surfel_points)
     if solution is None:
         solution = Solution(path, surfels)
@@ -236,9 +236,12 @@ def _anchor(path: Path, motion: Motion, settled: float | None) -> Anchor | None:
     return Anchor(t, position, rotation, 5e-4 * shared, 2e-4 * shared)
 
 
-def _sample(motion: Motion, problem: NormalEquations) -> Path:
+def _sample(motion: Motion, problem: NormalEquations | None) -> Path:
+    """Without a problem the covariances are zero: those of the near rounds, which no one asks for, cost a second."""
     t, sure = motion.instants(_OUTPUT_STEP), motion.instants(_COVARIANCE_STEP)
-    covariance, relative = (values.astype(np.float32) for values in pose_covariances(motion, problem, sure))
+    covariance = relative = np.zeros((len(sure), 6, 6), np.float32)
+    if problem is not None:
+        covariance, relative = (values.astype(np.float32) for values in pose_covariances(motion, problem, sure))
     return Path(t, motion.position(t), motion.rotation(t).as_quat(), sure, covariance, relative)
 
 
