@@ -209,12 +209,13 @@ class BottomTrack:
         t = self.time - motion.constants.number("dvl_clock")
         predicted = self._predicted(motion, t)
         residual = self._residual(motion, predicted)
+        rotation, velocity = motion.rotation(t), motion.position(t, 1)
         change = turning = np.zeros_like(predicted)
         if "dvl_clock" in motion.constants:
-            to_body, velocity = motion.rotation(t).inv(), motion.position(t, 1)
+            to_body = rotation.inv()
             turning = np.cross(motion.rate_change(t), self.lever)
             change = to_body.apply(motion.advance(t, 1)) - np.cross(motion.rate(t), to_body.apply(velocity)) + turning
-        matrix, velocity = motion.rotation(t).as_matrix(), motion.position(t, 1)
+        matrix = rotation.as_matrix()
         gain = 1.0 + motion.constants.number("dvl_scale")
         for axis in range(3):
             unit = matrix[:, :, axis]

@@ -45,6 +45,12 @@ def moving_bodies(
     return moves[label]
 
 
+def columns(key: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Where each vertical column begins among voxels in the order of their keys (n,), and how many each has."""
+    starts = np.flatnonzero(np.diff(key >> 21, prepend=-1))
+    return starts, np.diff(starts, append=len(key))
+
+
 def _touching(index: list[NDArray[np.int64]]) -> NDArray[np.int64]:
     """A number (n,) for each voxel that those have in common which hang together."""
     from scipy.sparse import coo_array
@@ -66,6 +72,6 @@ def _touching(index: list[NDArray[np.int64]]) -> NDArray[np.int64]:
 
 def _above_others(key: NDArray[np.int64], label: NDArray[np.int64], settings: OutlierSettings) -> NDArray[np.bool_]:
     """Whether the lowest voxel in a voxel's column belongs to something else and lies well below it (n,)."""
-    starts = np.flatnonzero(np.r_[True, np.diff(key >> 21) != 0])
-    lowest = np.repeat(starts, np.diff(np.r_[starts, len(key)]))
+    starts, lengths = columns(key)
+    lowest = np.repeat(starts, lengths)
     return (label[lowest] != label) & ((key - key[lowest]) * settings.voxel > settings.clearance)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from garbi_map.seabed.bodies import moving_bodies
+from garbi_map.seabed.bodies import columns, moving_bodies
 from garbi_map.seabed.cells import SURROUNDING, VOXEL
 from garbi_map.seabed.settings import OutlierSettings
 
@@ -169,10 +169,10 @@ def _seen_through(
     key: NDArray[np.int64], support: NDArray[np.int32], through: NDArray[np.float32], settings: OutlierSettings
 ) -> NDArray[np.bool_]:
     """Where nearly all profiles that passed saw something else (n,), of voxels in the order of their keys."""
-    starts = np.flatnonzero(np.diff(key >> 21, prepend=-1))
+    starts, lengths = columns(key)
     if len(starts) == 0:
         return np.zeros(0, bool)
     best = np.maximum.reduceat(support, starts)
-    share = support / np.repeat(best, np.diff(np.r_[starts, len(key)]))
+    share = support / np.repeat(best, lengths)
     passed = settings.every * through  # one ray in so many was followed
     return (share < settings.min_share) | (passed > settings.max_through * (passed + support))
