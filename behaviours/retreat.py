@@ -11,6 +11,7 @@ import numpy as np
 
 from behaviours.settings import Vehicle
 from behaviours.situation import Situation
+from behaviours.types import within_half_turn
 from garbi_map.log.records import Floats
 
 PATIENCE = 5.0  # s for which unseen water shuts the bow in; a second in which it does not makes up for half a one
@@ -50,7 +51,7 @@ class Retreat:
         if astern < LEAST:
             self._blocked, self._heading = 0.0, None
             return None
-        off = float(_angle(self._heading - situation.pose.heading))
+        off = within_half_turn(self._heading - situation.pose.heading)
         words = (
             f"carried into unseen water: {astern:.1f} m are known astern at heading {np.degrees(self._heading):.0f} deg"
         )
@@ -71,13 +72,8 @@ class Retreat:
         headings = 2 * np.pi * np.arange(HEADINGS) / HEADINGS
         space, pose, drift = situation.space, situation.pose, situation.current / self._speed
         known = np.array([space.known_astern(pose, heading, BACK, drift) for heading in headings])
-        worth = known - TURN * np.abs(_angle(headings - situation.pose.heading))
+        worth = known - TURN * np.abs(within_half_turn(headings - situation.pose.heading))
         if self._heading is not None:
-            worth -= HABIT * (np.abs(_angle(headings - self._heading)) > 0.01)
+            worth -= HABIT * (np.abs(within_half_turn(headings - self._heading)) > 0.01)
         best = int(np.argmax(worth))
         return float(headings[best]), float(known[best])
-
-
-def _angle(angle: Floats | float) -> Floats:
-    """Within half a turn."""
-    return np.asarray((angle + np.pi) % (2 * np.pi) - np.pi)

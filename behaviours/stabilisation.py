@@ -13,7 +13,7 @@ import numpy as np
 from behaviours.settings import HoldSettings
 from behaviours.situation import Situation
 from behaviours.target import Relative, Target
-from behaviours.types import AXES, Command, Pose, Proposal
+from behaviours.types import AXES, Command, Pose, Proposal, within_half_turn
 from garbi_map.log.records import Floats
 
 PAUSE_NS = 2_000_000_000  # not asked for this long, the behaviour is armed anew
@@ -152,5 +152,5 @@ class Stabilisation:
         return float(np.clip(0.5 * off, -0.1, 0.1)) if abs(off) < 1.0 else 0.0
 
     def _to_heading(self, pose: Pose) -> float:
-        error = (self.heading - pose.heading + np.pi) % (2 * np.pi) - np.pi
+        error = within_half_turn(self.heading - pose.heading)
         return float(np.clip(0.6 * error, -0.2, 0.2))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from behaviours.types import Command, Pose
+from behaviours.types import Command, Pose, within_half_turn
 from garbi_map.log.records import Floats
 
 
@@ -16,7 +16,7 @@ def steer(pose: Pose, path: Floats, speed: float, lookahead: float = 0.9) -> tup
     aim = path[near + beyond[0]] if len(beyond) else path[-1]
     away = aim - pose.position
     bearing = float(np.arctan2(away[1], away[0]))
-    error = (bearing - pose.heading + np.pi) % (2 * np.pi) - np.pi
+    error = within_half_turn(bearing - pose.heading)
     drift = float(np.clip(-pose.velocity[1] / max(speed, 0.1), -0.7, 0.7))
     error += float(np.arcsin(drift)) * min(1.0, float(np.hypot(away[0], away[1])) / 0.5)
     forward = speed * max(float(np.cos(error)), 0.0) ** 4

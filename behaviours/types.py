@@ -4,6 +4,7 @@ z up. Metres, radians, seconds; stamps int64 nanoseconds."""
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,13 @@ from numpy.typing import NDArray
 from garbi_map.log.records import Floats
 
 AXES = ("surge", "heave", "yaw", "pitch")
+
+Angle = TypeVar("Angle", float, Floats)
+
+
+def within_half_turn(angle: Angle) -> Angle:
+    """The same angle, or angles, from -pi to pi rad."""
+    return (angle + np.pi) % (2 * np.pi) - np.pi
 
 
 @dataclass(frozen=True)

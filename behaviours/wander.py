@@ -8,7 +8,7 @@ from behaviours import kernels
 from behaviours.coverage import Coverage
 from behaviours.settings import SurveySettings
 from behaviours.situation import Situation
-from behaviours.types import Command, Pose, Proposal
+from behaviours.types import Command, Pose, Proposal, within_half_turn
 from garbi_map.log.records import Floats
 
 BEARINGS = np.linspace(-np.pi, np.pi, 24, endpoint=False)  # rad off the bow
@@ -46,7 +46,7 @@ class Wander:
             return Proposal(
                 self.name, 1.0, Command(0.0, heave, 0.2), "no free way: looking about", settings.priority, facts=facts
             )
-        error = (self._heading - pose.heading + np.pi) % (2 * np.pi) - np.pi
+        error = within_half_turn(self._heading - pose.heading)
         surge = settings.speed * max(float(np.cos(error)), 0.0) ** 4
         words = f"towards {self._gain:.2f} m2 of new ground per metre; {seen:.1f} m2 seen"
         command = Command(
@@ -63,7 +63,7 @@ class Wander:
             if self._stands_in_the_way(situation, heading):
                 continue
             gain = self._new(pose, heading) / (LEG + TURN_PRICE * abs(float(bearing)))
-            off = 0.0 if self._heading is None else abs((heading - self._heading + np.pi) % (2 * np.pi) - np.pi)
+            off = 0.0 if self._heading is None else abs(within_half_turn(heading - self._heading))
             if gain * (HABIT if off < 0.15 else 1.0) > best:
                 best, chosen = gain, heading
         if chosen is None and (hole := self.coverage.nearest_hole(pose)) is not None:

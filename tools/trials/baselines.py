@@ -11,7 +11,7 @@ from behaviours.feed import Seen
 from behaviours.moving import Mover as Tracked
 from behaviours.pilot import Pilot
 from behaviours.situation import Situation
-from behaviours.types import Command, Pose
+from behaviours.types import Command, Pose, within_half_turn
 from tools.simulator.dive import Dive
 from tools.simulator.seabed import mover_centre
 from tools.trials.world import World
@@ -124,7 +124,7 @@ class StopZone(_Straight):
 
 
 def _towards(pose: Pose, pull: np.ndarray, speed: float) -> Command:
-    error = float((np.arctan2(pull[1], pull[0]) - pose.heading + np.pi) % (2 * np.pi) - np.pi)
+    error = float(within_half_turn(np.arctan2(pull[1], pull[0]) - pose.heading))
     ahead = speed * float(np.clip(np.cos(error), -0.5, 1.0)) if abs(error) < 2.0 else -0.1
     return Command(
         ahead * min(float(np.linalg.norm(pull)), 1.0),
