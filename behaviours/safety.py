@@ -11,7 +11,7 @@ them is a QP in four variables; Hildreth's method solves its dual. Backing off i
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -61,15 +61,27 @@ class SafetyFilter:
         self, wanted: Command, pose: Pose, nearby: Nearby, corridor: Corridor, movers: list[Mover], troubles: list[str]
     ) -> Filtered:
         """The nearest command to `wanted` that every constraint allows."""
+        return self._nearest(wanted, [*self._still(pose, nearby), *self._movers(wanted, pose, movers)], corridor, troubles)
+
+    def rehearsed(
+        self, wanted: Command, why: str, pose: Pose, corridor: Corridor, movers: list[Mover], troubles: list[str]
+    ) -> Filtered:
+        """The same for a way out that was rehearsed against all that stands: a turn brings a corner nearer to it at first,
+        and it is the only one; so that only what moves and the view's age still bound it. why: in words."""
+        got = self._nearest(wanted, self._movers(wanted, pose, movers), corridor, troubles)
+        return replace(got, changes=[f"{_spoken(got.command)}: {why}", *got.changes])
+
+    def _movers(self, wanted: Command, pose: Pose, movers: list[Mover]) -> list[Constraint]:
+        return [one for mover in movers if (one := self._moving(wanted.array(), pose, mover)) is not None]
+
+    def _nearest(
+        self, wanted: Command, constraints: list[Constraint], corridor: Corridor, troubles: list[str]
+    ) -> Filtered:
         limits = np.array(self.vehicle.limits)
         low, high = -limits, limits.copy()
         low[0] = -self.vehicle.astern
         fastest, why_slow = self.speed_limit(corridor, troubles)
         high[0] = min(high[0], fastest)
-        constraints = [
-            *self._still(pose, nearby),
-            *(one for mover in movers if (one := self._moving(wanted.array(), pose, mover)) is not None),
-        ]
         rows = np.array([one.row for one in constraints]).reshape(-1, 4)
         start = np.clip(wanted.array(), low, high)
         strict = np.array([one.bound for one in constraints])
@@ -186,6 +198,10 @@ def _row(normal: Floats, point: Floats) -> Floats:
 
 def _age(seconds: float) -> str:
     return f"{seconds:.1f} s" if seconds < 1e5 else "unboundedly"
+
+
+def _spoken(command: Command) -> str:
+    return f"surge {command.surge:.2f} m/s, yaw {command.yaw:+.2f} rad/s"
 
 
 def _where(normal: Floats, point: Floats) -> str:

@@ -1,0 +1,93 @@
+"""Room to leeward: water carries a vehicle without sway on to what stands downstream unless it turns in time.
+
+Broadside to a current neither surge nor heave leads away; bow or stern has to be turned into it first, and while it turns it
+is carried. So a command is let by only as long as afterwards some rehearsed escape (turn either end into the current, either
+way round, ahead, astern or on the spot; or go on along the hull) still keeps clear of all that stands; else the best escape is
+flown (a backup controller: Gurriet et al., A Scalable Safety Critical Control Framework for Nonlinear Systems, 2020)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from behaviours import kernels_charts
+from behaviours.charts import FAR
+from behaviours.kernels_leeway import carried
+from behaviours.settings import LeewaySettings, Vehicle
+from behaviours.space import Space
+from behaviours.types import Command, Pose, within_half_turn
+from garbi_map.log.records import Floats
+
+STEP, LEAD = 0.5, 2  # s; steps for which a command goes on before an escape begins
+REACH = 3.0  # m to each side of the vehicle
+HEAD, TURNED = 0.1, 0.25  # m/s against the current once turned; rad
+DEEPER = 0.5  # m of gap that a metre into unseen water counts
+LATER, FAR_ENOUGH = 0.1, 1.0  # m of gap that a metre in the end counts, m
+STEADY = 0.15  # m of gap that going on with the escape that was begun is worth
+WORSE = 0.02  # m by which a command has to be worse than the escape
+DISCS = np.array([-1.0, 0.0, 1.0])
+
+
+class Leeway:
+    """Remembers the escape that is being flown."""
+
+    def __init__(self, settings: LeewaySettings, vehicle: Vehicle) -> None:
+        self._settings = settings
+        half = np.array(vehicle.hull) / 2
+        spacing = 2 * half[0] / 3
+        self._half, self._circles, self._radius = half, DISCS * spacing, float(np.hypot(spacing / 2, half[1]))
+        self._model = np.array([0.5, 0.5, vehicle.sway_time, vehicle.skid])
+        self._speed, self._rate = min(0.2, vehicle.astern, vehicle.limits[0]), min(0.3, vehicle.limits[2])
+        self._begun = -1
+
+    def check(self, command: Command, pose: Pose, space: Space, current: Floats) -> tuple[Command, str] | None:
+        """The escape to fly instead of a command, and why in words; None where the command leaves room for one."""
+        escapes = self._escapes(current)
+        gaps = self._rehearse(np.array([command.surge, command.yaw]), LEAD, escapes, pose, space, current)
+        keep = self._settings.keep + (self._settings.release if self._begun >= 0 else 0.0)
+        if gaps[:, 0].max() >= keep:
+            self._begun = -1
+            return None
+        now = self._rehearse(np.zeros(2), 0, escapes, pose, space, current)
+        if self._begun < 0 and now[:, 0].max() < gaps[:, 0].max() + WORSE:
+            return None
+        worth = np.minimum(now[:, 0], keep) - DEEPER * now[:, 1] + LATER * np.minimum(now[:, 2], FAR_ENOUGH)
+        if self._begun >= 0:
+            worth[self._begun] += STEADY
+        self._begun = int(np.argmax(worth))
+        surge, rate, heading, then = escapes[self._begun]
+        off = 0.0 if np.isnan(heading) else float(within_half_turn(heading - pose.heading))
+        if not np.isnan(heading) and abs(off) <= TURNED:
+            surge, rate = then, float(np.clip(0.8 * off, -self._rate, self._rate))
+        words = (
+            f"a current of {float(np.hypot(*current)):.2f} m/s leaves no room to turn in later: "
+            f"{max(float(gaps[:, 0].max()), 0.0):.2f} m from what stands, this way {max(float(now[self._begun, 0]), 0.0):.2f} m"
+        )
+        return Command(float(surge), command.heave, float(rate), command.pitch), words
+
+    def _escapes(self, current: Floats) -> Floats:
+        """(m, 4), see `carried`."""
+        up = float(np.arctan2(-current[1], -current[0]))
+        found = [
+            [surge, way * self._rate, heading, then]
+            for heading, then in ((up, HEAD), (up + np.pi, -HEAD))
+            for way in (1.0, -1.0)
+            for surge in (-self._speed, 0.0, self._speed)
+        ]
+        return np.array(found + [[surge, 0.0, np.nan, 0.0] for surge in (0.0, self._speed, -self._speed)])
+
+    def _rehearse(
+        self, first: Floats, lead: int, escapes: Floats, pose: Pose, space: Space, current: Floats
+    ) -> Floats:
+        low = np.floor(pose.position[:2] / space.voxel).astype(np.int64) - round(REACH / space.voxel)
+        occupied, unseen, _ = kernels_charts.chart(
+            pose.position[2:], float(self._half[2]), self._settings.above, low, 2 * round(REACH / space.voxel),
+            space.voxel, space.low, space.shape, space.settings.hits, 0, space.assumed_free_above, space.layers,
+        )  # fmt: skip
+        near, dark = (
+            kernels_charts.distance(chart[0], FAR / space.voxel) * np.float32(space.voxel) for chart in (occupied, unseen)
+        )
+        state = np.array([*pose.position[:2], pose.heading, pose.velocity[0], pose.velocity[1], pose.rate[2]])
+        return carried(
+            state, current, first, lead, escapes, STEP, round(self._settings.horizon / STEP), self._model, near, dark,
+            low, space.voxel, self._circles, self._radius,
+        )  # fmt: skip
