@@ -19,9 +19,10 @@ from garbi_map.log.records import Floats
 
 STEP, LEAD = 0.5, 2  # s; steps for which a command goes on before an escape begins
 REACH = 3.0  # m to each side of the vehicle
+ANSWER = 0.75  # of a yaw rate, that is reached for sure
 HEAD, TURNED = 0.1, 0.25  # m/s against the current once turned; rad
-DEEPER = 0.5  # m of gap that a metre into unseen water counts
-LATER, FAR_ENOUGH = 0.1, 1.0  # m of gap that a metre in the end counts, m
+DEEPER = 0.15  # m of gap that a metre into unseen water counts
+LATER, FAR_ENOUGH = 0.2, 1.0  # m of gap that a metre in the end counts, m
 STEADY = 0.15  # m of gap that going on with the escape that was begun is worth
 WORSE = 0.02  # m by which a command has to be worse than the escape
 DISCS = np.array([-1.0, 0.0, 1.0])
@@ -36,12 +37,17 @@ class Leeway:
         spacing = 2 * half[0] / 3
         self._half, self._circles, self._radius = half, DISCS * spacing, float(np.hypot(spacing / 2, half[1]))
         self._model = np.array([0.5, 0.5, vehicle.sway_time, vehicle.skid])
-        self._speed, self._rate = min(0.2, vehicle.astern, vehicle.limits[0]), min(0.3, vehicle.limits[2])
+        self._slide = vehicle.skid * vehicle.sway_time
+        self._speed, self._rate = min(0.2, vehicle.astern, vehicle.limits[0]), vehicle.limits[2]
         self._begun = -1
 
-    def check(self, command: Command, pose: Pose, space: Space, current: Floats) -> tuple[Command, str] | None:
-        """The escape to fly instead of a command, and why in words; None where the command leaves room for one."""
-        escapes = self._escapes(current)
+    def check(
+        self, command: Command, pose: Pose, space: Space, current: Floats, fastest: float
+    ) -> tuple[Command, str] | None:
+        """The escape to fly instead of a command, and why in words; None where the command leaves room for one.
+
+        current (2,) m/s, odom; fastest: m/s of surge that the view ahead allows."""
+        escapes = self._escapes(current, fastest)
         gaps = self._rehearse(np.array([command.surge, command.yaw]), LEAD, escapes, pose, space, current)
         keep = self._settings.keep + (self._settings.release if self._begun >= 0 else 0.0)
         if gaps[:, 0].max() >= keep:
@@ -55,6 +61,7 @@ class Leeway:
             worth[self._begun] += STEADY
         self._begun = int(np.argmax(worth))
         surge, rate, heading, then = escapes[self._begun]
+        rate /= ANSWER
         off = 0.0 if np.isnan(heading) else float(within_half_turn(heading - pose.heading))
         if not np.isnan(heading) and abs(off) <= TURNED:
             surge, rate = then, float(np.clip(0.8 * off, -self._rate, self._rate))
@@ -64,16 +71,17 @@ class Leeway:
         )
         return Command(float(surge), command.heave, float(rate), command.pitch), words
 
-    def _escapes(self, current: Floats) -> Floats:
+    def _escapes(self, current: Floats, fastest: float) -> Floats:
         """(m, 4), see `carried`."""
+        ahead = min(self._speed, fastest)
         up = float(np.arctan2(-current[1], -current[0]))
         found = [
-            [surge, way * self._rate, heading, then]
-            for heading, then in ((up, HEAD), (up + np.pi, -HEAD))
+            [surge, way * ANSWER * self._rate, heading, then]
+            for heading, then in ((up, min(HEAD, fastest)), (up + np.pi, -HEAD))
             for way in (1.0, -1.0)
-            for surge in (-self._speed, 0.0, self._speed)
+            for surge in (-self._speed, 0.0, ahead)
         ]
-        return np.array(found + [[surge, 0.0, np.nan, 0.0] for surge in (0.0, self._speed, -self._speed)])
+        return np.array(found + [[surge, 0.0, np.nan, 0.0] for surge in (0.0, ahead, -self._speed)])
 
     def _rehearse(
         self, first: Floats, lead: int, escapes: Floats, pose: Pose, space: Space, current: Floats
@@ -86,7 +94,10 @@ class Leeway:
         near, dark = (
             kernels_charts.distance(chart[0], FAR / space.voxel) * np.float32(space.voxel) for chart in (occupied, unseen)
         )
-        state = np.array([*pose.position[:2], pose.heading, pose.velocity[0], pose.velocity[1], pose.rate[2]])
+        surge, rate = float(pose.velocity[0]), float(pose.rate[2])
+        # Waves come and go: what counts is the current abeam, and the skid of a turn.
+        sway = float(np.array([-np.sin(pose.heading), np.cos(pose.heading)]) @ current) - self._slide * surge * rate
+        state = np.array([*pose.position[:2], pose.heading, surge, sway, rate])
         return carried(
             state, current, first, lead, escapes, STEP, round(self._settings.horizon / STEP), self._model, near, dark,
             low, space.voxel, self._circles, self._radius,

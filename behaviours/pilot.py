@@ -110,7 +110,8 @@ class Pilot:
         """What safety makes of a command; and where the water would carry the hull against something, the way out."""
         pose, movers, troubles = situation.pose, situation.movers, situation.troubles
         safe = self.safety.filter(wanted, pose, situation.nearby, situation.corridor, movers, troubles)
-        way_out = self.leeway.check(safe.command, pose, self.space, situation.current)
+        fastest, _ = self.safety.speed_limit(situation.corridor, troubles)
+        way_out = self.leeway.check(safe.command, pose, self.space, situation.current, fastest)
         if way_out is None:
             return safe
         command, why = way_out

@@ -100,8 +100,8 @@ class LeewaySettings(Settings):
     """Room to turn into the current in, before it carries the vehicle on to what stands."""
 
     horizon: Positive = 16.0  # rehearsed, s
-    keep: NotNegative = 0.15  # kept between hull and what stands meanwhile, m
-    release: NotNegative = 0.3  # more than that, and an escape is over, m
+    keep: NotNegative = 0.25  # kept between hull and what stands meanwhile, m
+    release: NotNegative = 0.2  # more than that, and an escape is over, m
     above: NotNegative = 0.15  # kept above and below the hull, m
 
 
