@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from behaviours.kernels_plan import SLACK
 from behaviours.kernels_rollout import _at, moved_on
 from garbi_map.log.records import Floats
 
@@ -33,7 +34,7 @@ def carried(
     radius: float,
 ) -> Floats:
     """(m, 3) of each escape: least gap between hull and what stands, m; by how much, m, the hull would get deeper into unseen
-    water than it is; and the gap in the end, m.
+    water than it is and than safety lets by; and the gap in the end, m.
 
     state      (6,) x y m, heading rad, surge and sway over ground m/s, yaw rate rad/s
     current    (2,) m/s, odom
@@ -57,7 +58,7 @@ def carried(
                 deepest = min(deepest, _at(unseen, voxel, low, px, py, FAR) - radius)
             nearest = min(nearest, last)
             if n == 0:
-                outset = min(deepest, 0.0)
+                outset = min(deepest, -SLACK)
             wanted_surge, wanted_rate = first[0], first[1]
             if n >= lead:
                 wanted_surge, wanted_rate = escapes[m, 0], escapes[m, 1]

@@ -21,7 +21,6 @@ STEP, LEAD = 0.5, 2  # s; steps for which a command goes on before an escape beg
 REACH = 3.0  # m to each side of the vehicle
 ANSWER = 0.75  # of a yaw rate, that is reached for sure
 HEAD, TURNED = 0.1, 0.25  # m/s against the current once turned; rad
-DEEPER = 0.15  # m of gap that a metre into unseen water counts
 LATER, FAR_ENOUGH = 0.2, 1.0  # m of gap that a metre in the end counts, m
 STEADY = 0.15  # m of gap that going on with the escape that was begun is worth
 WORSE = 0.02  # m by which a command has to be worse than the escape
@@ -49,14 +48,15 @@ class Leeway:
         current (2,) m/s, odom; fastest: m/s of surge that the view ahead allows."""
         escapes = self._escapes(current, fastest)
         gaps = self._rehearse(np.array([command.surge, command.yaw]), LEAD, escapes, pose, space, current)
-        keep = self._settings.keep + (self._settings.release if self._begun >= 0 else 0.0)
-        if gaps[:, 0].max() >= keep:
+        room, enough = self._room(gaps), self._settings.keep + self._settings.release
+        if room.max() >= (enough if self._begun >= 0 else self._settings.keep):
             self._begun = -1
             return None
         now = self._rehearse(np.zeros(2), 0, escapes, pose, space, current)
-        if self._begun < 0 and now[:, 0].max() < gaps[:, 0].max() + WORSE:
+        left = self._room(now)
+        if self._begun < 0 and left.max() < room.max() + WORSE:
             return None
-        worth = np.minimum(now[:, 0], keep) - DEEPER * now[:, 1] + LATER * np.minimum(now[:, 2], FAR_ENOUGH)
+        worth = left + LATER * np.minimum(now[:, 2], FAR_ENOUGH)
         if self._begun >= 0:
             worth[self._begun] += STEADY
         self._begun = int(np.argmax(worth))
@@ -67,9 +67,14 @@ class Leeway:
             surge, rate = then, float(np.clip(0.8 * off, -self._rate, self._rate))
         words = (
             f"a current of {float(np.hypot(*current)):.2f} m/s leaves no room to turn in later: "
-            f"{max(float(gaps[:, 0].max()), 0.0):.2f} m from what stands, this way {max(float(now[self._begun, 0]), 0.0):.2f} m"
+            f"{max(float(room.max()), 0.0):.2f} m are left, this way {max(float(left[self._begun]), 0.0):.2f} m"
         )
         return Command(float(surge), command.heave, float(rate), command.pitch), words
+
+    def _room(self, found: Floats) -> Floats:
+        """m (m,), never more than is enough: from what stands; of that, what is unseen takes as much as the hull gets into."""
+        enough = self._settings.keep + self._settings.release
+        return np.minimum(found[:, 0], enough - found[:, 1])
 
     def _escapes(self, current: Floats, fastest: float) -> Floats:
         """(m, 4), see `carried`."""
