@@ -32,9 +32,10 @@ def carried(
     voxel: float,
     circles: Floats,
     radius: float,
+    most: float,
 ) -> Floats:
-    """(m, 3) of each escape: least gap between hull and what stands, m; by how much, m, the hull would get deeper into unseen
-    water than it is and than safety lets by; and the gap in the end, m.
+    """(m, 3) of each escape: least gap between hull and what stands, m; by how much, m, the hull would get deeper into
+    unseen water than it is and than safety lets by; and the mean gap, m.
 
     state      (6,) x y m, heading rad, surge and sway over ground m/s, yaw rate rad/s
     current    (2,) m/s, odom
@@ -43,20 +44,20 @@ def carried(
     step, count  s, number of steps
     model      (4,) lag of surge s, of yaw s, of sway s, share of surge times yaw rate that becomes sway
     occupied, unseen, low, voxel  (nx, ny) m, one height of Charts
-    circles    (k,) m along the hull, of discs of that radius that cover it
+    circles    (k,) m along the hull, of discs of that radius that cover it; most: m of gap that count for the mean
     """
     found = np.empty((len(escapes), 3))
     for m in range(len(escapes)):
         x, y, heading, surge, sway, rate = state
-        nearest, last, outset, deepest, turning = FAR, FAR, FAR, FAR, not math.isnan(escapes[m, 2])
+        nearest, mean, outset, deepest, turning = FAR, 0.0, FAR, FAR, not math.isnan(escapes[m, 2])
         for n in range(count + 1):
             cos, sin = math.cos(heading), math.sin(heading)
-            last = FAR
+            gap = FAR
             for k in range(len(circles)):
                 px, py = x + cos * circles[k], y + sin * circles[k]
-                last = min(last, _at(occupied, voxel, low, px, py, FAR) - radius - 0.5 * voxel)
+                gap = min(gap, _at(occupied, voxel, low, px, py, FAR) - radius - 0.5 * voxel)
                 deepest = min(deepest, _at(unseen, voxel, low, px, py, FAR) - radius)
-            nearest = min(nearest, last)
+            nearest, mean = min(nearest, gap), mean + min(gap, most) / (count + 1)
             if n == 0:
                 outset = min(deepest, -SLACK)
             wanted_surge, wanted_rate = first[0], first[1]
@@ -70,5 +71,5 @@ def carried(
             x, y, heading, surge, sway, rate = moved_on(
                 x, y, heading, surge, sway, rate, wanted_surge, wanted_rate, current, step, model
             )
-        found[m, 0], found[m, 1], found[m, 2] = nearest, max(outset - deepest, 0.0), last
+        found[m, 0], found[m, 1], found[m, 2] = nearest, max(outset - deepest, 0.0), mean
     return found

@@ -2,12 +2,13 @@
 
 Broadside to a current neither surge nor heave leads away; bow or stern has to be turned into it first, and while it turns it
 is carried. So a command is let by only as long as afterwards some rehearsed escape (turn either end into the current, either
-way round, ahead, astern or on the spot; or go on along the hull) still keeps clear of all that stands; else the best escape is
-flown (a backup controller: Gurriet et al., A Scalable Safety Critical Control Framework for Nonlinear Systems, 2020)."""
+way round, ahead, astern or on the spot; or go on along the hull) still keeps clear of all that stands; else the best escape
+is flown (a backup controller: Gurriet et al., A Scalable Safety Critical Control Framework for Nonlinear Systems, 2020)."""
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from behaviours import kernels_charts
 from behaviours.charts import FAR
@@ -21,9 +22,10 @@ STEP, LEAD = 0.5, 2  # s; steps for which a command goes on before an escape beg
 REACH = 3.0  # m to each side of the vehicle
 ANSWER = 0.75  # of a yaw rate, that is reached for sure
 HEAD, TURNED = 0.1, 0.25  # m/s against the current once turned; rad
-LATER, FAR_ENOUGH = 0.2, 1.0  # m of gap that a metre in the end counts, m
+MEAN, OPEN = 0.2, 1.0  # m of gap that a metre of the mean one counts; m, more of which counts no more
 STEADY = 0.15  # m of gap that going on with the escape that was begun is worth
-WORSE = 0.02  # m by which a command has to be worse than the escape
+WORSE = 0.02  # m of gap that an escape at once has to be worth more than one after the command
+Chart = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64], float]  # see `carried`
 DISCS = np.array([-1.0, 0.0, 1.0])
 
 
@@ -47,16 +49,17 @@ class Leeway:
 
         current (2,) m/s, odom; fastest: m/s of surge that the view ahead allows."""
         escapes = self._escapes(current, fastest)
-        gaps = self._rehearse(np.array([command.surge, command.yaw]), LEAD, escapes, pose, space, current)
+        chart = self._chart(pose, space)
+        gaps = self._rehearse(command, escapes, pose, current, chart)
         room, enough = self._room(gaps), self._settings.keep + self._settings.release
         if room.max() >= (enough if self._begun >= 0 else self._settings.keep):
             self._begun = -1
             return None
-        now = self._rehearse(np.zeros(2), 0, escapes, pose, space, current)
+        now = self._rehearse(None, escapes, pose, current, chart)
         left = self._room(now)
-        if self._begun < 0 and left.max() < room.max() + WORSE:
+        worth = left + MEAN * now[:, 2]
+        if self._begun < 0 and worth.max() < (room + MEAN * gaps[:, 2]).max() + WORSE:
             return None
-        worth = left + LATER * np.minimum(now[:, 2], FAR_ENOUGH)
         if self._begun >= 0:
             worth[self._begun] += STEADY
         self._begun = int(np.argmax(worth))
@@ -72,7 +75,7 @@ class Leeway:
         return Command(float(surge), command.heave, float(rate), command.pitch), words
 
     def _room(self, found: Floats) -> Floats:
-        """m (m,), never more than is enough: from what stands; of that, what is unseen takes as much as the hull gets into."""
+        """m (m,) from what stands; never more than is enough, less what the hull gets into the unseen."""
         enough = self._settings.keep + self._settings.release
         return np.minimum(found[:, 0], enough - found[:, 1])
 
@@ -88,22 +91,25 @@ class Leeway:
         ]
         return np.array(found + [[surge, 0.0, np.nan, 0.0] for surge in (0.0, ahead, -self._speed)])
 
-    def _rehearse(
-        self, first: Floats, lead: int, escapes: Floats, pose: Pose, space: Space, current: Floats
-    ) -> Floats:
+    def _chart(self, pose: Pose, space: Space) -> Chart:
         low = np.floor(pose.position[:2] / space.voxel).astype(np.int64) - round(REACH / space.voxel)
         occupied, unseen, _ = kernels_charts.chart(
             pose.position[2:], float(self._half[2]), self._settings.above, low, 2 * round(REACH / space.voxel),
             space.voxel, space.low, space.shape, space.settings.hits, 0, space.assumed_free_above, space.layers,
         )  # fmt: skip
         near, dark = (
-            kernels_charts.distance(chart[0], FAR / space.voxel) * np.float32(space.voxel) for chart in (occupied, unseen)
+            kernels_charts.distance(one[0], FAR / space.voxel) * np.float32(space.voxel) for one in (occupied, unseen)
         )
+        return near, dark, low, space.voxel
+
+    def _rehearse(self, first: Command | None, escapes: Floats, pose: Pose, current: Floats, chart: Chart) -> Floats:
+        """See `carried`: the escapes, after the command that is flown first, if any."""
         surge, rate = float(pose.velocity[0]), float(pose.rate[2])
         # Waves come and go: what counts is the current abeam, and the skid of a turn.
         sway = float(np.array([-np.sin(pose.heading), np.cos(pose.heading)]) @ current) - self._slide * surge * rate
         state = np.array([*pose.position[:2], pose.heading, surge, sway, rate])
+        begin = np.zeros(2) if first is None else np.array([first.surge, first.yaw])
         return carried(
-            state, current, first, lead, escapes, STEP, round(self._settings.horizon / STEP), self._model, near, dark,
-            low, space.voxel, self._circles, self._radius,
+            state, current, begin, 0 if first is None else LEAD, escapes, STEP, round(self._settings.horizon / STEP),
+            self._model, *chart, self._circles, self._radius, OPEN,
         )  # fmt: skip

@@ -61,7 +61,9 @@ class SafetyFilter:
         self, wanted: Command, pose: Pose, nearby: Nearby, corridor: Corridor, movers: list[Mover], troubles: list[str]
     ) -> Filtered:
         """The nearest command to `wanted` that every constraint allows."""
-        return self._nearest(wanted, [*self._still(pose, nearby), *self._movers(wanted, pose, movers)], corridor, troubles)
+        return self._nearest(
+            wanted, [*self._still(pose, nearby), *self._movers(wanted, pose, movers)], corridor, troubles
+        )
 
     def rehearsed(
         self, wanted: Command, why: str, pose: Pose, corridor: Corridor, movers: list[Mover], troubles: list[str]
