@@ -238,6 +238,14 @@ def free_box(
                         since_ms[a, b, c] = now
 
 
+@njit(cache=True, nogil=True, inline="always")
+def _part(component):  # type: ignore[no-untyped-def]
+    """A normal's component in halves, -2..2, nought only where it is none."""
+    if abs(component) < 1e-9:
+        return 0
+    return (1 if component > 0.0 else -1) * max(round(2 * abs(component)), 1)
+
+
 @njit(cache=True, nogil=True)
 def nearest(
     position: Floats,
@@ -289,7 +297,10 @@ def nearest(
                     nx, ny, nz = nx / d, ny / d, nz / d
                 gap = d - 0.5 * voxel
                 which = 0 if kind == OCCUPIED else 1
-                bin_ = (round(2 * nx) + 2) * 25 + (round(2 * ny) + 2) * 5 + round(2 * nz) + 2
+                if kind == UNKNOWN:  # what lies wholly before a face, and what the hull passes by, are two things
+                    bin_ = (_part(nx) + 2) * 25 + (_part(ny) + 2) * 5 + _part(nz) + 2
+                else:
+                    bin_ = (round(2 * nx) + 2) * 25 + (round(2 * ny) + 2) * 5 + round(2 * nz) + 2
                 if gap < best[which, bin_]:
                     best[which, bin_] = gap
                     normals[which, bin_, 0], normals[which, bin_, 1], normals[which, bin_, 2] = nx, ny, nz

@@ -129,6 +129,7 @@ class Planner:
             begin[:, edge] = OUTSIDE * rest[edge] + 2 * CLIMB_PRICE * off[:, None]
         else:
             begin[target[0], target[1], target[2]] = 0.0
+            begin[target[0]][self._there(charts, a, b, goal) & np.isfinite(cost[target[0]])] = 0.0
         reached, parent = cheapest(cost.astype(np.float32), begin, CLIMB_PRICE)
         left = np.where(np.isfinite(reached), reached * 2 * charts.voxel, 1e7)
         if not np.isfinite(reached[own[0], own[1], own[2]]):
@@ -145,6 +146,11 @@ class Planner:
         east, north = np.broadcast_arrays(charts.low[0] + 2 * i + 0.5, charts.low[1] + 2 * j + 0.5)
         return np.stack([east, north]) * charts.voxel
 
+    def _there(self, charts: Charts, i: NDArray[np.int64], j: NDArray[np.int64], goal: Floats) -> NDArray[np.bool_]:
+        """Which cells of two columns are as good as the goal."""
+        away = self._middles(charts, i, j) - goal[:2, None, None]
+        return np.asarray(np.hypot(*away) < self._settings.arrived - charts.voxel)
+
     def _guide(self, charts: Charts, pose: Pose, goal: Floats, height: float, left: Floats) -> tuple[Floats, Floats]:
         """m of way left (nx, ny, headings) about the vehicle, its turning included; and the corner (2,) m, odom."""
         n, i, j = charts.column(np.array([*pose.position[:2], height]))
@@ -159,6 +165,9 @@ class Planner:
         own = np.array([i, j]) // 2 - first
         if (own > 0).all() and (own < 2 * AROUND - 1).all():
             begin[own[0], own[1]] = rest[own[0], own[1]]
+            a, b = np.ogrid[cells]
+            there = self._there(charts, a, b, goal)
+            begin[there] = rest[there]
         settings = self._settings
         guide = manoeuvring(
             begin, 2 * charts.voxel, np.ascontiguousarray(charts.occupied[n][columns]),
