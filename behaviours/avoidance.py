@@ -10,7 +10,7 @@ from behaviours.situation import Situation
 from behaviours.types import Command, Proposal
 from garbi_map.log.records import Floats
 
-ABEAM = 0.8  # of a normal: neither surge nor heave leads away
+ABEAM = 0.6  # of a normal: neither surge nor heave leads away
 
 
 class Avoidance:

@@ -35,17 +35,28 @@ LOOK_AHEAD, LOOK_MOST = 2.5, 60  # m of the way, columns
 LOOKED_MOST = 20_000  # columns that are remembered
 PATIENCE = 5.0  # s in view, after which a column that is still unseen is hidden by something
 DISCS = np.array([-1.0, 0.0, 1.0])
+BLIND = 0.02  # m s of the hull's outline in the unseen
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What to do for now: surge m/s, yaw rad/s, height m in odom; path (n, 3) m, odom, to the goal; why, in words."""
+    """What to do for now: surge m/s, yaw rad/s, height m in odom; path (n, 3) m, odom, to the goal; why, in words; and
+    whether even so some of the hull gets into unseen water."""
 
     surge: float
     yaw: float
     height: float
     path: Floats
     words: str
+    blind: bool = False
+
+    @property
+    def heading(self) -> float:
+        """rad, in which the way leads a metre on."""
+        away = self.path[:, :2] - self.path[0, :2]
+        far = np.flatnonzero(np.hypot(*away.T) > 1.0)
+        x, y = away[far[0] if len(far) else -1]
+        return float(np.arctan2(y, x))
 
 
 class Planner:
@@ -94,9 +105,9 @@ class Planner:
             words += f", {100 * seen:.0f} % of what is unseen on the way in view"
         if near > 0.02:
             words += ", too near to something"
-        if blind > 0.02:
+        if blind > BLIND:
             words += ", carried into the unseen"
-        return Plan(float(surge), float(yaw), float(rise), path, words)
+        return Plan(float(surge), float(yaw), float(rise), path, words, bool(blind > BLIND))
 
     def _way(self, charts: Charts, pose: Pose, goal: Floats) -> tuple[Floats, Floats | None]:
         """m of way left from every second column (layers, nx / 2, ny / 2); and the path."""
