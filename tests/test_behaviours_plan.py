@@ -155,6 +155,15 @@ def test_what_stands_abeam_and_above_does_not_stop_it() -> None:
     assert Avoidance(AvoidanceSettings(), Vehicle()).propose(moment).activation == 0.0
 
 
+def test_from_what_lies_above_it_sinks_and_goes_on() -> None:
+    """Close under an overhang avoidance asks for heave alone; surge and yaw are left to travel."""
+    volume, at = known(), pose(0)
+    over = Nearby(np.array([0.1]), np.array([[0.0, 0.1, 0.99]]), np.array([[0.0, 0.45, 0.35]]), np.array([False]))
+    moment = Situation(at.stamp_ns, at, [], volume, over, volume.corridor(at, 3.0, np.zeros(2)), [], [])
+    asked = Avoidance(AvoidanceSettings(), Vehicle()).propose(moment)
+    assert asked.activation > 0.9 and asked.axes == ("heave",) and asked.command.heave < -0.05
+
+
 def test_a_plan_is_kept_to_where_two_are_as_good() -> None:
     """Before a wall that can be gone round on both sides alike, the side does not change with every plan."""
     planner, volume, sides = Planner(Vehicle(), TravelSettings()), known(wall=1.9), []
