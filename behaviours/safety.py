@@ -116,7 +116,7 @@ class SafetyFilter:
 
     def _still(self, wanted: Command, pose: Pose, nearby: Nearby) -> list[Constraint]:
         settings = self.settings
-        found = []
+        found: list[Constraint] = []
         for distance, normal, point, unknown in zip(
             nearby.distance, nearby.normal, nearby.point, nearby.unknown, strict=True
         ):
