@@ -22,7 +22,7 @@ ENOUGH, BACKED = 0.7, 0.4  # m of known water before the bow, and m backed off, 
 BACK, LEAST = 0.8, 0.15  # m astern that are looked for, and that are worth turning for
 HEADINGS = 24
 TURN, HABIT = 0.25, 0.15  # m of way astern that a radian of turning, and another heading than before, cost
-LONG, TOWARDS = 0.6, 0.3  # m astern, from which on it is worth as much, m, to have the bow on the way as abeam of it
+LONG, TOWARDS = 0.35, 0.5  # m astern, from which on it is worth as much, m, to have the bow on the way as abeam of it
 ALIGNED = 0.25  # rad
 SPEED, RATE = 0.12, 0.3  # m/s, rad/s
 

@@ -86,9 +86,9 @@ def test_where_every_way_on_leads_into_the_unseen_it_backs_off_with_the_bow_towa
     assert PATIENCE < waited < 2 * PATIENCE + 0.3
     surge, yaw, _ = got[-1] or (0.0, 0.0, "")
     assert surge == 0.0 and yaw > 0.1
-    turned = retreat.propose(situation(volume, pose(15.0, heading=np.pi / 6)), np.pi / 2, True) or (0.0, 0.0, "")
+    turned = retreat.propose(situation(volume, pose(15.0, heading=np.pi / 3)), np.pi / 2, True) or (0.0, 0.0, "")
     assert turned[0] < -0.05 and abs(turned[1]) < 0.1
-    far = pose(20.0, (-BACKED - 0.1, 0.0, 0.0), np.pi / 6)
+    far = pose(20.0, (-BACKED - 0.1, 0.0, 0.0), np.pi / 3)
     assert retreat.propose(situation(volume, far), np.pi / 2, True) is None
 
 
