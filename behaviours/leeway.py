@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from behaviours import kernels_charts
 from behaviours.charts import FAR
-from behaviours.kernels_leeway import carried
+from behaviours.kernels_leeway import TURNED, carried
 from behaviours.settings import LeewaySettings, Vehicle
 from behaviours.space import Space
 from behaviours.types import Command, Pose, within_half_turn
@@ -21,7 +21,7 @@ from garbi_map.log.records import Floats
 STEP, LEAD = 0.5, 2  # s; steps for which a command goes on before an escape begins
 REACH = 3.0  # m to each side of the vehicle
 ANSWER = 0.75  # of a yaw rate, that is reached for sure
-HEAD, TURNED = 0.1, 0.25  # m/s against the current once turned; rad
+HEAD = 0.1  # m/s against the current once turned
 MEAN, OPEN = 0.2, 1.0  # m of gap that a metre of the mean one counts; m, more of which counts no more
 STEADY = 0.15  # m of gap that going on with the escape that was begun is worth
 WORSE = 0.02  # m of gap that an escape at once has to be worth more than one after the command
