@@ -14,11 +14,8 @@ from garbi_map.log.records import Floats
 INF = 1e6
 GLANCE = 4  # steps between those at which the view is judged
 STILL = 0.02  # m/s, a current that carries the vehicle nowhere
-TURNING, TURN_RATE, TURNED = (
-    14,
-    0.25,
-    0.3,
-)  # steps of turning into the current, at most; rad/s; rad from it, that end it
+# steps of turning into the current, at most; rad/s; rad from it, that end it
+TURNING, TURN_RATE, TURNED = 14, 0.25, 0.3
 
 
 @njit(cache=True, nogil=True, inline="always")
