@@ -23,6 +23,7 @@ BACK, LEAST = 0.8, 0.15  # m astern that are looked for, and that are worth turn
 HEADINGS = 24
 TURN, HABIT = 0.25, 0.15  # m of way astern that a radian of turning, and another heading than before, cost
 LONG, TOWARDS = 0.35, 0.5  # m astern, from which on it is worth as much, m, to have the bow on the way as abeam of it
+ABEAM = 10.0  # m astern that a m/s of current abeam costs: it carries the hull off the way that it backs along
 ALIGNED = 0.25  # rad
 SPEED, RATE = 0.12, 0.3  # m/s, rad/s
 
@@ -81,6 +82,8 @@ class Retreat:
         known = np.array([space.known_astern(pose, heading, BACK, drift) for heading in headings])
         worth = known - TURN * np.abs(within_half_turn(headings - situation.pose.heading))
         worth += TOWARDS * np.cos(headings - way) * (known > LONG)
+        abeam = situation.current @ np.stack([-np.sin(headings), np.cos(headings)])
+        worth -= ABEAM * np.abs(abeam)
         if self._heading is not None:
             worth -= HABIT * (np.abs(within_half_turn(headings - self._heading)) > 0.01)
         best = int(np.argmax(worth))

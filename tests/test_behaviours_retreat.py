@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -90,6 +92,20 @@ def test_where_every_way_on_leads_into_the_unseen_it_backs_off_with_the_bow_towa
     assert turned[0] < -0.05 and abs(turned[1]) < 0.1
     far = pose(20.0, (-BACKED - 0.1, 0.0, 0.0), np.pi / 3)
     assert retreat.propose(situation(volume, far), np.pi / 2, True) is None
+
+
+def test_in_a_current_it_backs_off_along_it_not_abeam_of_it() -> None:
+    """All about is known and the way leads north: in still water the bow goes there; a current to the east turns it to the
+    east or the west, whichever it has the bow nearer to, for abeam of it the hull would be carried off its way."""
+    volume, at = space(), pose(0, heading=np.pi / 4)
+    volume.be_at(at)
+    volume.layers[0][:] = volume.milliseconds(at.stamp_ns)
+    headings = []
+    for current in (STILL, np.array([0.08, 0.0]), np.array([-0.08, 0.0])):
+        retreat, where = Retreat(Vehicle()), replace(situation(volume, at), current=current)
+        headings.append(retreat._way_back(where, np.pi / 2)[0])
+    assert headings[0] > np.pi / 4
+    assert max(abs(heading) for heading in headings[1:]) < np.pi / 4
 
 
 def shown(volume: Space, seconds: float, height: float, anything: bool) -> Pose:
