@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from garbi_map.aside import alone_in, remove_leftovers
 from garbi_map.compare.alignment import Alignment, align, as_is
 from garbi_map.compare.change import Change, difference
-from garbi_map.compare.files import write_change_tif, write_changes_csv, write_changes_geojson
+from garbi_map.compare.files import write_change_tif, write_changes_csv, write_outlines
 from garbi_map.compare.maps import MapFolder, open_map_folder
 from garbi_map.compare.patches import Patch, find_patches
 from garbi_map.compare.settings import CompareSettings
@@ -65,7 +65,7 @@ def compare_maps(
         progress("files")
         write_change_tif(out / "change.tif", change, labels)
         write_changes_csv(out / "changes.csv", patches, change.reference)
-        write_changes_geojson(out / "changes.geojson", patches, change, labels)
+        write_outlines(out, patches, change, labels)
         record_change(out / "compare.rrd", found, about(found))
         write_report(out, found, settings)
     return found
