@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from garbi_map.aside import alone_in, remove_leftovers
-from garbi_map.calibrate.map_uncertainty import MapSamples
+from garbi_map.calibrate.map_uncertainty import MapSamples, View
 from garbi_map.config import Config
 from garbi_map.db import Database, StoredDive, join_map, laid, lay_all
 from garbi_map.dive import Dive, Map, Span, open_dive
@@ -25,6 +25,7 @@ from garbi_map.place import check_place, place_on_earth
 from garbi_map.progress import Progress, Show, Silent, unseen
 from garbi_map.publish import is_published, published, roll_forward
 from garbi_map.recordings import split_recordings
+from garbi_map.rig import parse_rig
 from garbi_map.seabed import CELL_BYTES
 
 __all__ = ["build_map", "open_dive", "sweeps_of"]
@@ -133,6 +134,7 @@ def stored(dive: Dive, made: Estimate) -> StoredDive:
         begin_ns=int(stamps[0]),
         end_ns=int(stamps[-1]),
         rig=dive.rig.to_yaml(),
+        mount=dive.navigation.mount("rig"),
         configuration=dive.config.to_yaml(),
         trajectory=trajectory_file(dive),
         accepted=made.judged.accepted,
@@ -165,18 +167,21 @@ def map_of(database: Database, dive: Dive, made: Estimate) -> Map:
 
 def write_clouds(database: Database, files: Path, config: Config, reference: Georeference) -> None:
     """The points of all dives: those of the seabed, and apart from them what moved."""
-    for name, parts in (("cloud.laz", database.points()), ("moving.laz", database.moving())):
+    points = (points for _, points in database.points())
+    for name, parts in (("cloud.laz", points), ("moving.laz", database.moving())):
         at_once = config.export.room_for(POINT_BYTES)
         with CloudWriter(files / name, config.export.cloud_scale, reference, at_once) as cloud:
-            for points in parts:
-                cloud.write(points)
+            for part in parts:
+                cloud.write(part)
 
 
 def with_calibration(built: Map, database: Database, dive: Dive) -> Map:
     """The map with what the calibration and the path leave open in the uncertainties of its cells."""
+    rigs = {known.rig: parse_rig(known.rig, database.folder.name) for known in database.dives}
+    views = {known.recording: View(rigs[known.rig], known.mount) for known in database.dives}
     samples = MapSamples(built.seabed)
-    for points in database.points():
-        samples.add(points)
-    doubt = samples.uncertainty(database.poses_at, dive.navigation.mount("rig"), dive.rig)
+    for known, points in database.points():
+        samples.add(points, views[known.recording])
+    doubt = samples.uncertainty(database.poses_at)
     level = dive.config.export.surface_sigma if dive.navigation.pressure is not None else 0.0
     return replace(built, seabed=doubt.carried_into(built.seabed, level), doubt=doubt)

@@ -112,10 +112,12 @@ class Database:
         """A file that a row names."""
         return self.folder / file
 
-    def points(self) -> Iterator[JudgedPoints]:
-        """All points in `map`, sweep by sweep; a submap is in memory at a time."""
-        for submap in self.submaps:
-            yield from read_submap(self.path(submap.written.file)).sweeps(submap.pose)
+    def points(self) -> Iterator[tuple[StoredDive, JudgedPoints]]:
+        """All points in `map`, sweep by sweep, and the dive that each is of; a submap is in memory at a time."""
+        for dive in self.dives:
+            for submap in dive.submaps:
+                for points in read_submap(self.path(submap.written.file)).sweeps(submap.pose):
+                    yield dive, points
 
     def moving(self) -> Iterator[Points]:
         """The points of all dives that were seen through, in `map`."""

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from garbi_map.calibrate.map_uncertainty import MapSamples
+from garbi_map.calibrate.map_uncertainty import MapSamples, View
 from garbi_map.config import Config
 from garbi_map.evaluate import TrueSurface
 from garbi_map.navigate import Trajectory, navigate
@@ -111,10 +111,10 @@ def bench(dive: BenchDive, config: Config, poses: str = "found") -> Result:
             judged.append(points)
 
         seabed, _ = build_seabed(posed, config.seabed, mount, take, dive.scanner.rig.eyes)
-    samples = MapSamples(seabed)
+    samples, view = MapSamples(seabed), View(dive.scanner.rig, mount)
     for points in judged:
-        samples.add(points)
-    seabed = samples.uncertainty(path.at, mount, dive.scanner.rig).carried_into(seabed, 0.0)
+        samples.add(points, view)
+    seabed = samples.uncertainty(path.at).carried_into(seabed, 0.0)
     error, sigma = cell_errors(seabed, np.concatenate([points.points[::7] for points in judged]), dive, inside)
     normalised = error / sigma
     low, high = np.percentile(normalised, [15.865, 84.135])

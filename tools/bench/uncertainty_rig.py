@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from garbi_map.calibrate.map_uncertainty import MapSamples, MapUncertainty, rig_errors
+from garbi_map.calibrate.map_uncertainty import MapSamples, MapUncertainty, View, rig_errors
 from garbi_map.config import Config
 from garbi_map.navigate import Trajectory, navigate
 from garbi_map.register import Registered, register
@@ -155,9 +155,9 @@ def make(dive: BenchDive, rig: Rig) -> Made:
         seabed, _ = build_seabed(posed, config.seabed, mount, take, rig.eyes)
     samples = MapSamples(seabed)
     for points in judged:
-        samples.add(points)
+        samples.add(points, View(rig, mount))
     cloud = np.concatenate([points.points[::7] for points in judged])
-    return Made(seabed, cloud, registered, samples.uncertainty(registered.trajectory.at, mount, rig))
+    return Made(seabed, cloud, registered, samples.uncertainty(registered.trajectory.at))
 
 
 def differences(one: Seabed, other: Seabed) -> tuple[Floats, Floats]:
