@@ -11,7 +11,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from garbi_map.aside import alone_in, remove_leftovers
+from garbi_map.aside import alone_in, make_folder, remove_leftovers
 from garbi_map.calibrate.map_uncertainty import MapSamples, View
 from garbi_map.config import Config
 from garbi_map.db import Database, StoredDive, join_map, laid, lay_all
@@ -56,10 +56,7 @@ def build_map(
     dives = [open_dive(recording, config, rig_path, span) for recording in recordings]
     for remark in dict.fromkeys(remark for dive in dives for remark in dive.log.remarks):
         progress.note(remark)
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise GarbiError(f"{out}: cannot be made a folder: {error.strerror}") from error
+    make_folder(out)
     with (
         alone_in(out),
         Database(out.absolute() / "db") as database,
@@ -70,6 +67,7 @@ def build_map(
         new = [dive for dive in dives if not database.holds(dive.recording, dive.key)]
         if not new and is_published(database, out, config):
             return left_out(database, dives)
+        check_orphans(database, out)
         check_rigs(database, new)
         check_place(database, dives[0])
 
@@ -104,6 +102,15 @@ def build_map(
             write_outputs(files, out, dive, made.store, built, started, progress)
         shutil.rmtree(work, ignore_errors=True)
         return left_out(database, dives)
+
+
+def check_orphans(database: Database, out: Path) -> None:
+    """Raises GarbiError where a folder holds the files of a map whose database is gone: a new map would replace them."""
+    left = [name for name in ("cloud.laz", "seabed.tif", "trajectory.tum") if (out / name).exists()]
+    if left and not database.dives:
+        raise GarbiError(
+            f"{out}: holds {left[0]} of a map without its database: put {database.folder} back, or choose another folder"
+        )
 
 
 def check_rigs(database: Database, new: list[Dive]) -> None:

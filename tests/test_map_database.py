@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from conftest import Garbi
 from dive_logs import SAMPLE, later_part, rewrite
+from test_map_bad_input import largest_file
 
 from garbi_map.config import Config
 from garbi_map.evaluate import read_tum
@@ -218,6 +219,14 @@ def test_half_deleted_database_is_named(gone: str, pair: tuple[Path, Path], copi
     refused(garbi("map", pair[1], "-o", copied), str(file), "missing", "another folder")
 
 
+def test_map_whose_database_is_gone_is_not_replaced(pair: tuple[Path, Path], copied: Path, garbi: Garbi) -> None:
+    """A new map in its place would take its name; its files stay as they are."""
+    shutil.rmtree(copied / "db")
+    before = contents(copied)
+    refused(garbi("map", pair[1], "-o", copied), "cloud.laz", "without its database", "another folder")
+    assert contents(copied) == before
+
+
 @pytest.mark.parametrize("spoilt", ["db/catalogue.sqlite", "db/submaps/*.parquet"])
 def test_damaged_database_is_named(spoilt: str, pair: tuple[Path, Path], copied: Path, garbi: Garbi) -> None:
     """Zeros in the middle of a file do not become a map."""
@@ -284,3 +293,16 @@ def test_folder_that_cannot_be_written(pair: tuple[Path, Path], copied: Path, ga
         )
         refused(garbi("map", pair[1], "-o", copied), "catalogue.sqlite", "readonly", "nothing was changed")
     assert {name: data for name, data in contents(copied).items() if name in before} == before
+
+
+def test_disk_that_is_full_when_a_dive_joins(
+    pair: tuple[Path, Path], one: Path, both: Path, copied: Path, garbi: Garbi
+) -> None:
+    """One line that names the file; the map is the one before; with room again the same command ends in the grown one."""
+    size = (both / "cloud.laz").stat().st_size - 1000
+    with largest_file(size):
+        refused(garbi("map", pair[1], "-o", copied), str(copied), "cannot be written")
+    kept = contents(one)
+    assert {name: data for name, data in contents(copied).items() if name in kept} == kept
+    assert garbi("map", pair[1], "-o", copied).status == 0
+    assert contents(copied) == contents(both)
