@@ -43,9 +43,10 @@ def growth(work: Path, count: int) -> dict[str, Any]:
     rows = []
     for size in sizes:
         with ProcessPoolExecutor(1, get_context("spawn")) as pool:
+            pool.submit(site, work / "warm", 0.3).result()  # compiled code and libraries are loaded
             rows.append(pool.submit(site, work / str(size), size).result())
         print(rows[-1], flush=True)
-        shutil.rmtree(work / str(size))
+        shutil.rmtree(work)
     return {"sites": rows}
 
 
@@ -53,11 +54,9 @@ def site(work: Path, millions: float) -> dict[str, Any]:
     """One dive from its sweeps and its path to the products of its map, and then a dive of 0.9 million points that joins it:
     CPU microseconds per point of each stage, and the largest resident memory."""
     config, stages = Config(), Stages()
-    fuse_warm(work)
     swaths = range(round(1e6 * millions / SUBMAP_POINTS))
     room = config.export.room_for(CELL_BYTES)
     with Database(work / "db") as database, open_workers(1) as crew:
-        dive(work, "warm", range(3), 0, config, Stages())  # compiled code is loaded
         with stages.measured("judging"):
             lay(database, *dive(work, "first", swaths, 0, config, stages), config)
         with stages.measured("fusion of submaps"):

@@ -27,7 +27,6 @@ from garbi_map.register import Registered, register
 from garbi_map.rig import Rig, load_rig
 from garbi_map.seabed import JudgedPoints, Seabed, build_seabed
 from garbi_map.sweep import Sweep
-from garbi_map.sweep.store import SweepStore
 from tools.bench.dives import BenchDive, recorded, shared_dives
 from tools.bench.uncertainty import GAUSSIAN_95, cell_errors
 
@@ -133,13 +132,8 @@ def bench(dive: BenchDive, like: Rig | None, times: float, draws: int) -> Result
 def make(dive: BenchDive, rig: Rig) -> Made:
     """The map of a dive's stripes as another rig triangulates them."""
     config, mount = Config(), dive.navigation.mount("rig")
-    scanner = replace(dive.scanner, rig=rig)
     with tempfile.TemporaryDirectory() as scratch:
-        store = SweepStore(Path(scratch) / "sweeps")
-        for sweep in dive.store:
-            u, v = dive.scanner.rig.project(sweep.points).T
-            store.add(replace(sweep, points=rig.triangulate(u, v, sweep.alpha[sweep.profile]).points))
-        store.finish([])
+        store, scanner = dive.seen_by(rig, Path(scratch) / "sweeps")
         navigated = navigate(dive.navigation, config.navigate, store.stamps())
         registered = register(store, dive.navigation, navigated, config.registration, config.navigate, scanner=scanner)
         judged: list[JudgedPoints] = []
