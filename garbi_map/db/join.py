@@ -105,6 +105,7 @@ def _moved(submaps: list[StoredSubmap], transforms: NDArray[np.float64]) -> list
 def _surfels(folder: Path, submaps: list[StoredSubmap], settings: PlaceSettings, first: int = 0) -> Surfels:
     """The patches of submaps, numbered from `first`."""
     parts = [
-        surfels_of(read_submap(folder / one.written.file), one.pose, k, settings) for k, one in enumerate(submaps, first)
+        surfels_of(read_submap(folder / one.written.file), one.pose, k, settings)
+        for k, one in enumerate(submaps, first)
     ]
     return Surfels(*(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(Surfels)))

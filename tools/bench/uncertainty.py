@@ -1,9 +1,10 @@
 """Whether the uncertainty of the map's cells is honest: each cell's error over its own 1 sigma, as a table and a histogram.
 
-    python -m tools.bench.uncertainty [DIVE_FOLDER...] [--only NAME]... [--right-rig] [--keep DIR] [-o FILE.json]
+    python -m tools.bench.uncertainty [DIVE_FOLDER...] [--only NAME]... [--draws N] [--keep DIR] [-o FILE.json]
 
-What a cell claims includes what the calibration leaves open. So the rig errs, too: it is drawn, once for each dive, from the
-covariance that the map is made with. With --right-rig it is the simulator's own, and the claim is too large by that part.
+What a cell claims includes what the calibration leaves open. So the rig errs, too: each dive is mapped with several rigs drawn
+from the covariance that the map is told, equally far from the right one and at right angles to each other, for one alone bends
+all cells the same way. With no draws the rig is the simulator's own, and the claim is too large by that part.
 
 Dives in shared/data/dives beside this checkout, and simulated ones of our own (drift_scenarios.yaml); the true surface is
 read after one rigid alignment of the cloud, for the origin of a map is free. A cell is compared where the true surface is
@@ -19,7 +20,6 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
-from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,8 +45,9 @@ GAUSSIAN_95 = 1.96
 
 @dataclass(frozen=True)
 class Result:
-    """Of the compared cells of one dive; normalised: error over the cell's 1 sigma.
+    """Of the compared cells of one dive, of the maps with all its rigs; normalised: error over the cell's 1 sigma.
 
+    rigs        that were drawn, 0 for the right one
     within95    per cent within 1.96 sigma
     spread      half the width of the normalised errors' middle 68 %: 1 where sigma is right
     histogram   per cent of cells between the edges; the first and the last entry are all beyond
@@ -54,7 +55,7 @@ class Result:
 
     dive: str
     poses: str
-    rig: str
+    rigs: int
     cells: int
     error_mm: float
     sigma_mm: float
@@ -68,7 +69,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folders", nargs="*", type=Path)
     parser.add_argument("--only", action="append", help="names of dives")
-    parser.add_argument("--right-rig", action="store_true", help="the rig does not err")
+    parser.add_argument("--draws", type=int, default=3, help="rigs; 0: the right one")
     parser.add_argument("--true-poses", action="store_true", help="also with the true poses: what noise alone claims")
     parser.add_argument("--keep", type=Path, help="folder in which profiles are kept")
     parser.add_argument("-o", "--out", type=Path, help="JSON file of the results")
@@ -78,7 +79,7 @@ def main() -> int:
         work = arguments.keep or Path(scratch)
         for dive in _dives(arguments.folders or shared_dives(), arguments.only, work, config):
             for poses in ("found", "true")[: 2 if arguments.true_poses else 1]:
-                results.append(bench(dive, config, poses, not arguments.right_rig))
+                results.append(bench(dive, config, arguments.draws, poses))
                 show(results[-1])
     if arguments.out:
         arguments.out.write_text(json.dumps([asdict(result) for result in results], indent=1) + "\n")
@@ -94,14 +95,42 @@ def _dives(folders: list[Path], only: list[str] | None, work: Path, config: Conf
             yield simulated(name, scenario, work, config)
 
 
-def bench(dive: BenchDive, config: Config, poses: str = "found", erring: bool = True) -> Result:
-    """The map of one dive, cell by cell against the truth; erring: with a rig that is drawn."""
+def bench(dive: BenchDive, config: Config, draws: int, poses: str = "found") -> Result:
+    """The maps of one dive, cell by cell against the truth."""
+    found = [mapped(dive, config, poses, rig) for rig in (drawn(dive.scanner.rig, draws) if draws else [None])]
+    error, sigma = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    normalised = error / sigma
+    low, high = np.percentile(normalised, [15.865, 84.135])
+    counts = np.histogram(np.clip(normalised, EDGES[0] - 0.1, EDGES[-1] + 0.1), np.r_[-np.inf, EDGES, np.inf])[0]
+    return Result(
+        dive=dive.name,
+        poses=poses,
+        rigs=draws,
+        cells=len(error),
+        error_mm=1e3 * float(np.median(np.abs(error))),
+        sigma_mm=1e3 * float(np.median(sigma)),
+        within95=100 * float((np.abs(normalised) < GAUSSIAN_95).mean()),
+        spread=float(high - low) / 2,
+        histogram=[round(100 * float(count) / len(error), 2) for count in counts],
+    )
+
+
+def drawn(rig: Rig, draws: int) -> list[Rig]:
+    """The rig as so many calibrations would have left it; the same ones whenever they are asked for."""
+    unknown, _ = rig_errors(rig)
+    k = len(unknown.names)
+    directions = np.linalg.qr(np.random.default_rng(7).standard_normal((k, k)))[0]
+    return [unknown.at(z) for z in np.sqrt(k) * directions[:draws]]
+
+
+def mapped(dive: BenchDive, config: Config, poses: str, rig: Rig | None) -> tuple[Floats, Floats]:
+    """Errors and sigmas (k,) m of the cells of a map with another rig, or with the right one."""
     assert dive.truth.trajectory is not None and dive.truth.surface is not None
     mount = dive.navigation.mount("rig")
     with tempfile.TemporaryDirectory() as scratch:
         store, scanner = dive.copied(Path(scratch) / "sweeps"), dive.scanner
-        if erring:
-            store, scanner = dive.seen_by(drawn(dive), Path(scratch) / "drawn")
+        if rig is not None:
+            store, scanner = dive.seen_by(rig, Path(scratch) / "drawn")
         inside = path = dive.truth.trajectory
         if poses == "found":
             navigated = navigate(dive.navigation, config.navigate, store.stamps())
@@ -124,27 +153,7 @@ def bench(dive: BenchDive, config: Config, poses: str = "found", erring: bool = 
     for points in judged:
         samples.add(points, view)
     seabed = samples.uncertainty(path.at).carried_into(seabed, 0.0)
-    error, sigma = cell_errors(seabed, np.concatenate([points.points[::7] for points in judged]), dive, inside)
-    normalised = error / sigma
-    low, high = np.percentile(normalised, [15.865, 84.135])
-    counts = np.histogram(np.clip(normalised, EDGES[0] - 0.1, EDGES[-1] + 0.1), np.r_[-np.inf, EDGES, np.inf])[0]
-    return Result(
-        dive=dive.name,
-        poses=poses,
-        rig="drawn" if erring else "right",
-        cells=len(error),
-        error_mm=1e3 * float(np.median(np.abs(error))),
-        sigma_mm=1e3 * float(np.median(sigma)),
-        within95=100 * float((np.abs(normalised) < GAUSSIAN_95).mean()),
-        spread=float(high - low) / 2,
-        histogram=[round(100 * float(count) / len(error), 2) for count in counts],
-    )
-
-
-def drawn(dive: BenchDive) -> Rig:
-    """The dive's rig as a calibration would have left it: the same whenever it is asked for."""
-    unknown, _ = rig_errors(dive.scanner.rig)
-    return unknown.at(np.random.default_rng(crc32(dive.name.encode())).standard_normal(len(unknown.names)))
+    return cell_errors(seabed, np.concatenate([points.points[::7] for points in judged]), dive, inside)
 
 
 def cell_errors(seabed: Seabed, cloud: Floats, dive: BenchDive, inside: Trajectory) -> tuple[Floats, Floats]:
@@ -203,8 +212,9 @@ def _true_heights(vertices: Floats, triangles: NDArray[np.int32], places: Floats
 def show(result: Result) -> None:
     """One dive."""
     print(
-        f"{result.dive}, {result.poses} poses, {result.rig} rig: {result.cells} cells, median error "
-        f"{result.error_mm:.3f} mm, median sigma {result.sigma_mm:.3f} mm, {result.within95:.1f} % within 95 %, spread {result.spread:.2f}"
+        f"{result.dive}, {result.poses} poses, {result.rigs} rigs drawn: {result.cells} cells, median error "
+        f"{result.error_mm:.3f} mm, median sigma {result.sigma_mm:.3f} mm, "
+        f"{result.within95:.1f} % within 95 %, spread {result.spread:.2f}"
     )
     largest = max(result.histogram)
     names = ["below", *(f"{edge:+.1f}" for edge in EDGES[:-1]), "above"]
