@@ -40,7 +40,8 @@ body { font: 15px/1.5 system-ui, sans-serif; color: #1b2128; max-width: 980px; m
 h1 { font-size: 1.5em; margin-bottom: 0; } h2 { font-size: 1.1em; margin-top: 1.6em; }
 p.sub { color: #5a6672; margin-top: .2em; } img { width: 100%; image-rendering: pixelated; }
 table { border-collapse: collapse; width: 100%; } td, th { padding: .3em .6em; border-bottom: 1px solid #dde2e6; }
-td { text-align: right; white-space: nowrap; } td:nth-child(2) { text-align: left; } th { text-align: right; font-weight: 600; }
+td { text-align: right; white-space: nowrap; }
+td:nth-child(2) { text-align: left; } th { text-align: right; font-weight: 600; }
 p.verdict { font-size: 1.15em; background: #eef4f6; padding: .8em 1em; border-radius: 6px; }
 """
 
