@@ -7,6 +7,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from importlib import import_module
@@ -19,6 +20,7 @@ from garbi_map.config import Config
 from garbi_map.db import SubmapFile, keep, recall, write_poses, write_submap
 from garbi_map.dive import Dive, Span, open_dive
 from garbi_map.errors import GarbiError
+from garbi_map.executor import Serial
 from garbi_map.navigate import NavigationResult, Trajectory, navigate
 from garbi_map.progress import Progress, Show, Silent, counted, unseen
 from garbi_map.register import Registered, Scanner, register
@@ -30,6 +32,7 @@ from garbi_map.seabed import JudgedPoints, SeabedBuilder, judge_in_stretches
 from garbi_map.sweep import Sweep
 from garbi_map.sweep.store import SweepStore
 
+_REGISTERED = "registered.npz"
 _KINDS = (NavigationResult, Registered, Trajectory, Round, Agreement, Offset)
 
 
@@ -68,9 +71,11 @@ def estimate(
     with timed(dive, "navigation and registration"):
         store, navigated, registered = registered_of(dive, sweeps, folder, progress)
     show(registered.trajectory)
-    with timed(dive, "seabed"):
+    with ThreadPoolExecutor(1) if workers > 1 else Serial() as beside, timed(dive, "seabed"):
+        ended = beside.submit(checked_rig, dive, store, navigated, registered, folder)
         judged = judged_of(dive, store, registered.inside, database, folder, progress, show)
         write_poses(database / trajectory_file(dive), registered.trajectory)
+        navigated, registered = ended.result()
     return Estimate(store, navigated, registered, judged)
 
 
@@ -125,10 +130,7 @@ def registered_of(
     dive: Dive, sweeps: SweepStore, folder: Path, progress: Progress
 ) -> tuple[SweepStore, NavigationResult, Registered]:
     """The sweeps as the registration leaves them, which may set their clock right, and both trajectories."""
-    from garbi_map.calibrate.field import placed
-    from garbi_map.calibrate.field_check import rig_notes
-
-    kept, own = folder / "registered.npz", folder / "sweeps"
+    kept, own = folder / _REGISTERED, folder / "sweeps"
     known, store = recall(kept, _KINDS), SweepStore.open(own)
     if known is not None and store is not None:
         return store, *known
@@ -142,10 +144,21 @@ def registered_of(
     registered = register(
         store, dive.navigation, navigated, settings.registration, settings.navigate, progress.note, scanner
     )
-    registered = replace(registered, rig_notes=rig_notes(placed(dive, store, navigated, registered)))
-    navigated = replace(navigated, inertial=None, attitude=None)  # intermediate, and as large as the log's own
-    keep(kept, (navigated, registered))
     return store, navigated, registered
+
+
+def checked_rig(
+    dive: Dive, store: SweepStore, navigated: NavigationResult, registered: Registered, folder: Path
+) -> tuple[NavigationResult, Registered]:
+    """Both trajectories with what the sweeps say against the rig, kept on disk."""
+    from garbi_map.calibrate.field import placed
+    from garbi_map.calibrate.field_check import rig_notes
+
+    if registered.rig_notes is None:
+        registered = replace(registered, rig_notes=rig_notes(placed(dive, store, navigated, registered)))
+        navigated = replace(navigated, inertial=None, attitude=None)  # intermediate, and as large as the log's own
+        keep(folder / _REGISTERED, (navigated, registered))
+    return navigated, registered
 
 
 def judged_of(

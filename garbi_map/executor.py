@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Callable, Generator, Iterator, Sequence
-from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import partial
 from multiprocessing import get_context, parent_process
@@ -34,6 +34,24 @@ class Serial(Executor):
         except Exception as error:
             future.set_exception(error)
         return future
+
+
+@contextmanager
+def beside() -> Iterator[tuple[Executor, Callable[[], None]]]:
+    """A thread for what can be done beside the block, and what a job there should call from time to time: it raises
+    CancelledError once the block has failed, which would otherwise wait for the job's end, an interrupt too."""
+    failed = threading.Event()
+
+    def still_wanted() -> None:
+        if failed.is_set():
+            raise CancelledError
+
+    with ThreadPoolExecutor(1) as thread:
+        try:
+            yield thread, still_wanted
+        except BaseException:
+            failed.set()
+            raise
 
 
 class Workers:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.metadata
 import time
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -87,9 +87,16 @@ _TORN = 1e-3
 
 
 def write_outputs(
-    out: Path, home: Path, dive: Dive, store: SweepStore, built: Map, started: float, progress: Progress
+    out: Path,
+    home: Path,
+    dive: Dive,
+    store: SweepStore,
+    built: Map,
+    clouds: Future[None],
+    started: float,
+    progress: Progress,
 ) -> None:
-    """Write everything but cloud.laz, which the fusion has written; report.json and report.html come last.
+    """Write everything but the clouds, which are being written beside; report.json and report.html come last.
 
     home: the folder to which the files will be moved.
     """
@@ -104,18 +111,19 @@ def write_outputs(
         write_trajectory(out / "trajectory.tum", built.path)
         write_text(out / "config.yaml", dive.config.to_yaml())
         progress.advance()
-        also_copc(out / "cloud.laz")
         write_seabed_tif(out / "seabed.tif", built.seabed, reference)
         write_contours(out / "contours.gpkg", built.seabed, settings, reference)
         progress.advance()
         write_glb(out / "seabed.glb", mesh, reference)
         write_ply(out / "seabed.ply", mesh, reference)
+        write_hillshade(out / "hillshade.png", built.seabed, settings, dive.paths[0].stem, not reference.is_local)
         progress.advance()
+        clouds.result()
+        also_copc(out / "cloud.laz")
         if dive.config.seabed.solid.make:
             mount = dive.navigation.mount("rig")
             solid = surface_of(out / "cloud.laz", built.path, mount, dive.config.seabed.solid, reference)
             write_ply(out / "surface.ply", solid, reference)
-        write_hillshade(out / "hillshade.png", built.seabed, settings, dive.paths[0].stem, not reference.is_local)
         progress.advance()
         recording.result()
         progress.advance()
@@ -221,7 +229,7 @@ def _residuals(built: Map) -> list[Quantity]:
 
 def drift_notes(registered: Registered) -> list[str]:
     """What the drift estimate found to be wrong, with the sensors or with itself, one line each."""
-    clocks = [str(offset) for offset in registered.clocks if offset.notable] + registered.rig_notes
+    clocks = [str(offset) for offset in registered.clocks if offset.notable] + (registered.rig_notes or [])
     _, apart = registered.agreement.median
     if np.isnan(apart) or apart < _TORN:
         return clocks

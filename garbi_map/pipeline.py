@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import time
 from collections import Counter
+from collections.abc import Callable
 from contextlib import closing
 from dataclasses import replace
 from itertools import islice
@@ -18,8 +19,8 @@ from garbi_map.db import Database, StoredDive, join_map, laid, lay_all
 from garbi_map.dive import Dive, Map, Span, open_dive
 from garbi_map.errors import GarbiError
 from garbi_map.estimate import Estimate, estimate, estimate_apart, sweeps_of, timed, trajectory_file
-from garbi_map.executor import open_workers
-from garbi_map.export import POINT_BYTES, CloudWriter, Georeference
+from garbi_map.executor import beside, open_workers
+from garbi_map.export import POINT_BYTES, CloudWriter, Georeference, Located
 from garbi_map.outputs import write_outputs
 from garbi_map.place import check_place, place_on_earth
 from garbi_map.progress import Progress, Show, Silent, unseen
@@ -96,10 +97,12 @@ def build_map(
             progress.stage("fusion")
             database.fuse(config.seabed, crew)
             database.remove_unnamed()
-            built = with_calibration(map_of(database, dive, made), database, dive)
-        with published(database, out, config) as files:
-            write_clouds(database, files, config, built.located.reference)
-            write_outputs(files, out, dive, made.store, built, started, progress)
+        with published(database, out, config) as files, beside() as (thread, wanted):
+            located = place_on_earth(database, dive, made)
+            clouds = thread.submit(write_clouds, database, files, config, located.reference, wanted)
+            with timed(dive, "surface and its uncertainty"):
+                built = with_calibration(map_of(database, dive, made, located), database, dive)
+            write_outputs(files, out, dive, made.store, built, clouds, started, progress)
         shutil.rmtree(work, ignore_errors=True)
         return left_out(database, dives)
 
@@ -150,7 +153,7 @@ def stored(dive: Dive, made: Estimate) -> StoredDive:
     )
 
 
-def map_of(database: Database, dive: Dive, made: Estimate) -> Map:
+def map_of(database: Database, dive: Dive, made: Estimate, located: Located) -> Map:
     """The map of all dives, and this one's estimate as it lies in it."""
     submaps = database.dive(dive.recording).submaps
     rejected: Counter[str] = Counter()
@@ -168,18 +171,21 @@ def map_of(database: Database, dive: Dive, made: Estimate) -> Map:
         path=database.trajectory(),
         accepted=sum(known.accepted for known in database.dives),
         rejected=dict(rejected),
-        located=place_on_earth(database, dive, made),
+        located=located,
     )
 
 
-def write_clouds(database: Database, files: Path, config: Config, reference: Georeference) -> None:
-    """The points of all dives: those of the seabed, and apart from them what moved."""
-    points = (points for _, points in database.points())
-    for name, parts in (("cloud.laz", points), ("moving.laz", database.moving())):
+def write_clouds(
+    database: Database, files: Path, config: Config, reference: Georeference, wanted: Callable[[], None]
+) -> None:
+    """The points of all dives: those of the seabed, and apart from them what moved; `wanted` is called for each part."""
+    accepted = (points for _, points in database.points())
+    for name, parts in (("cloud.laz", accepted), ("moving.laz", database.moving())):
         at_once = config.export.room_for(POINT_BYTES)
         with CloudWriter(files / name, config.export.cloud_scale, reference, at_once) as cloud:
-            for part in parts:
-                cloud.write(part)
+            for points in parts:
+                wanted()
+                cloud.write(points)
 
 
 def with_calibration(built: Map, database: Database, dive: Dive) -> Map:

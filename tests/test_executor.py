@@ -6,8 +6,10 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
-from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
+from collections.abc import Callable
+from concurrent.futures import CancelledError, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
 from pathlib import Path
@@ -15,7 +17,7 @@ from pathlib import Path
 import pytest
 
 from garbi_map.errors import GarbiError
-from garbi_map.executor import Serial, Workers, open_workers
+from garbi_map.executor import Serial, Workers, beside, open_workers
 
 
 def double(number: int) -> int:
@@ -143,3 +145,28 @@ def test_pool_of_processes_is_the_standard_one() -> None:
     """Anything with the interface of `concurrent.futures.Executor` can do the work."""
     with ProcessPoolExecutor(1) as pool:
         assert Workers(lambda: pool).run(double, [(4,)]) == [8]
+
+
+def test_what_is_done_beside_stops_when_the_block_fails():
+    """An interrupt does not wait for the end of a long job, and a block that ends well does."""
+    steps: list[int] = []
+    begun = threading.Event()
+
+    def job(wanted: Callable[[], None], most: int) -> int:
+        for step in range(most):
+            wanted()
+            steps.append(step)
+            begun.set()
+            time.sleep(0.001)
+        return len(steps)
+
+    with pytest.raises(KeyboardInterrupt), beside() as (thread, wanted):
+        endless = thread.submit(job, wanted, 10**9)
+        begun.wait()
+        raise KeyboardInterrupt
+    with pytest.raises(CancelledError):
+        endless.result()
+    steps.clear()
+    with beside() as (thread, wanted):
+        short = thread.submit(job, wanted, 20)
+    assert short.result() == 20

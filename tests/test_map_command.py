@@ -154,13 +154,13 @@ def interrupt(number: signal.Signals, after: int) -> Any:
     from garbi_map.export import CloudWriter
 
     write, calls = CloudWriter.write, []
+    if number == signal.SIGINT:  # which is ignored in what a shell has put into the background
+        signal.signal(number, signal.default_int_handler)
 
     def interrupted(self: CloudWriter, points: Any) -> None:
         write(self, points)
         calls.append(points)
         if len(calls) == after:
-            if number == signal.SIGINT:  # which is ignored in what a shell has put into the background
-                signal.signal(number, signal.default_int_handler)
             os.kill(os.getpid(), number)
 
     return interrupted

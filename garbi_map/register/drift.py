@@ -142,7 +142,7 @@ def estimate_drift(
     restraint, patience = Calm(settings.attitude_knots / 2, 0.15, derivative=1), Patience()
 
     def linearised(k: int, normals: Normals) -> tuple[NormalEquations, int, float]:
-        problem = NormalEquations(motion.size)
+        problem = NormalEquations(motion.size, motion.order)
         for factor in factors:
             factor.add(problem, motion)
         if k < _RESTRAINED:

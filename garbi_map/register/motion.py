@@ -98,6 +98,14 @@ class Motion:
         return self.constants_offset + len(self.constants)
 
     @property
+    def order(self) -> NDArray[np.int64]:
+        """The unknowns (size,) as they follow each other in time, the constants, which last for ever, at the end."""
+        time = np.concatenate(
+            [(np.arange(one.size) - 1) * one.spacing for one in (self.position_spline, self.attitude_spline)]
+        )
+        return np.r_[np.argsort(np.repeat(time, 3), kind="stable"), self.constants_columns]
+
+    @property
     def constants_columns(self) -> NDArray[np.int64]:
         """The unknowns that are constants."""
         return np.arange(self.constants_offset, self.size)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from garbi_map.register import kernels
+from garbi_map.register.cholesky import Cholesky
 
 Floats = NDArray[np.float64]
 
@@ -45,10 +46,12 @@ class Tail:
 class NormalEquations:
     """Accumulates J' W J and J' W r of rows residual + J x = 0 and solves for x."""
 
-    def __init__(self, size: int) -> None:
+    def __init__(self, size: int, order: NDArray[np.int64] | None = None) -> None:
+        """order (size,): the unknowns in an order in which those that rows have in common are close; else as they are."""
         self.matrix = np.zeros((size, size))
         self.vector = np.zeros(size)
-        self._factored: tuple[Floats, bool] | None = None
+        self._order = np.arange(size) if order is None else order
+        self._factored: Cholesky | None = None
 
     def add(
         self,
@@ -90,25 +93,19 @@ class NormalEquations:
 
     def solve(self) -> Floats:
         """The step x (size,) that minimises the weighted squares."""
-        from scipy.linalg import cho_solve
-
-        return cho_solve(self._factor(), -self.vector, check_finite=False)
+        return self._factor().solve(-self.vector)
 
     def covariance(self, columns: NDArray[np.int64] | None = None) -> Floats:
         """The inverse of the accumulated information (size, size), or that of some unknowns (k, k)."""
-        from scipy.linalg import cho_solve
-
         if columns is None:
-            return cho_solve(self._factor(), np.eye(len(self.vector)), check_finite=False)
+            return self._factor().solve(np.eye(len(self.vector)))
         unit = np.zeros((len(self.vector), len(columns)))
         unit[columns, np.arange(len(columns))] = 1.0
-        return cho_solve(self._factor(), unit, check_finite=False)[columns]
+        return self._factor().solve(unit)[columns]
 
-    def _factor(self) -> tuple[Floats, bool]:
-        from scipy.linalg import cho_factor
-
+    def _factor(self) -> Cholesky:
         if self._factored is None:
             matrix = self.matrix.copy()
             matrix[np.diag_indices_from(matrix)] += 1e-9  # unknowns that no row touches
-            self._factored = cho_factor(matrix, lower=True, overwrite_a=True, check_finite=False)
+            self._factored = Cholesky(matrix, self._order)
         return self._factored

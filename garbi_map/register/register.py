@@ -52,7 +52,7 @@ class Registered:
     agreement    how well overlapping sweeps agree with the navigation filter's trajectory and with ours
     constants    what was learnt of the sensors, with units in the names
     clocks       by how much the stamps of sensors and encoder differ from the camera's
-    rig_notes    what the sweeps say against the rig, one line each
+    rig_notes    what the sweeps say against the rig, one line each; None where they were not asked
     """
 
     trajectory: Trajectory
@@ -64,7 +64,7 @@ class Registered:
     constants: dict[str, Any]
     clocks: list[Offset] = field(default_factory=list)
     looped: list[tuple[int, int]] = field(default_factory=list)
-    rig_notes: list[str] = field(default_factory=list)
+    rig_notes: list[str] | None = None
 
 
 def register(

@@ -3,7 +3,7 @@
     python -m tools.bench.uncertainty [DIVE_FOLDER...] [--only NAME]... [--draws N] [--keep DIR] [-o FILE.json]
 
 What a cell claims includes what the calibration leaves open. So the rig errs, too: each dive is mapped with several rigs
-drawn from the covariance that the map is told, equally far from the right one and at right angles to each other, for one alone
+drawn from the covariance that the map is told, equally far from the right one and at right angles to each other: one alone
 bends all cells the same way. With no draws the rig is the simulator's own, and the claim is too large by that part.
 
 Dives in shared/data/dives beside this checkout, and simulated ones of our own (drift_scenarios.yaml); the true surface is
