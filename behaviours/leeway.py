@@ -43,19 +43,20 @@ class Leeway:
         self._begun = -1
 
     def check(
-        self, command: Command, pose: Pose, space: Space, current: Floats, fastest: float
+        self, command: Command, pose: Pose, space: Space, current: Floats, fastest: float, shun_unseen: bool = True
     ) -> tuple[Command, str] | None:
         """The escape to fly instead of a command, and why in words; None where the command leaves room for one.
 
-        current (2,) m/s, odom; fastest: m/s of surge that the view ahead allows."""
+        current (2,) m/s, odom; fastest: m/s of surge that the view ahead allows; shun_unseen: whether to be carried into
+        unseen water counts as much as to be carried on to what stands."""
         escapes = self._escapes(current, fastest)
         chart = self._chart(pose, space)
-        gaps = self._rehearse(command, escapes, pose, current, chart)
+        gaps = self._rehearse(command, escapes, pose, current, chart, shun_unseen)
         room, enough = self._room(gaps), self._settings.keep + self._settings.release
         if room.max() >= (enough if self._begun >= 0 else self._settings.keep):
             self._begun = -1
             return None
-        now = self._rehearse(None, escapes, pose, current, chart)
+        now = self._rehearse(None, escapes, pose, current, chart, shun_unseen)
         left = self._room(now)
         worth = left + MEAN * now[:, 2]
         if self._begun < 0 and worth.max() < (room + MEAN * gaps[:, 2]).max() + WORSE:
@@ -102,14 +103,19 @@ class Leeway:
         )
         return near, dark, low, space.voxel
 
-    def _rehearse(self, first: Command | None, escapes: Floats, pose: Pose, current: Floats, chart: Chart) -> Floats:
+    def _rehearse(
+        self, first: Command | None, escapes: Floats, pose: Pose, current: Floats, chart: Chart, shun_unseen: bool
+    ) -> Floats:
         """See `carried`: the escapes, after the command that is flown first, if any."""
         surge, rate = float(pose.velocity[0]), float(pose.rate[2])
         # Waves come and go: what counts is the current abeam, and the skid of a turn.
         sway = float(np.array([-np.sin(pose.heading), np.cos(pose.heading)]) @ current) - self._slide * surge * rate
         state = np.array([*pose.position[:2], pose.heading, surge, sway, rate])
         begin = np.zeros(2) if first is None else np.array([first.surge, first.yaw])
-        return carried(
+        found = carried(
             state, current, begin, 0 if first is None else LEAD, escapes, STEP, round(self._settings.horizon / STEP),
             self._model, *chart, self._circles, self._radius, OPEN,
         )  # fmt: skip
+        if not shun_unseen:
+            found[:, 1] = 0.0
+        return found

@@ -84,7 +84,8 @@ class Pilot:
         situation = self._situation(seen, seen.pose)
         proposals = [behaviour.propose(situation) for behaviour in self.behaviours]
         merged = coordinate(proposals, seen.now_ns)
-        safe = self._safe(merged.command, situation)
+        faces = any(one.faces for one in proposals if one.name == merged.winner)
+        safe = self._safe(merged.command, faces, situation)
         corridor = situation.corridor
         view = f"free {corridor.length:.1f} m ahead, then {corridor.end}; seen {min(corridor.age, 999.0):.1f} s ago"
         view += "".join(_words(mover, seen.pose) for mover in situation.movers)
@@ -106,12 +107,14 @@ class Pilot:
             self._snapshot(seen.now_ns),
         )
 
-    def _safe(self, wanted: Command, situation: Situation) -> Filtered:
-        """What safety makes of a command; and where the water would carry the hull against something, the way out."""
+    def _safe(self, wanted: Command, faces: bool, situation: Situation) -> Filtered:
+        """What safety makes of a command; and where the water would carry the hull against something, the way out.
+
+        faces: see Proposal."""
         pose, movers, troubles = situation.pose, situation.movers, situation.troubles
         safe = self.safety.filter(wanted, pose, situation.nearby, situation.corridor, movers, troubles)
         fastest, _ = self.safety.speed_limit(situation.corridor, troubles)
-        way_out = self.leeway.check(safe.command, pose, self.space, situation.current, fastest)
+        way_out = self.leeway.check(safe.command, pose, self.space, situation.current, fastest, not faces)
         if way_out is None:
             return safe
         command, why = way_out

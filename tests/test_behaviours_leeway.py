@@ -92,8 +92,31 @@ def test_what_was_never_seen_to_leeward_is_not_free() -> None:
     first = int(np.floor((HALF[1] + 0.3) / unseen.voxel))
     for n in range(first, 40):
         unseen.layers[0][n % unseen.shape[0]] = -(2**30)
-    got = Leeway(LeewaySettings(), Vehicle()).check(Command(), at, unseen, np.array([CURRENT, 0.0]), 0.3)
-    assert got is not None
+    current = np.array([CURRENT, 0.0])
+    assert Leeway(LeewaySettings(), Vehicle()).check(Command(), at, unseen, current, 0.3) is not None
+    assert Leeway(LeewaySettings(), Vehicle()).check(Command(), at, unseen, current, 0.3, shun_unseen=False) is None
+
+
+@pytest.mark.parametrize("faces", [True, False])
+def test_who_faces_something_is_turned_away_by_what_stands_only(faces: bool) -> None:
+    """Holding before a wall in a current along it, water carries the vehicle on to where nobody has looked: it drifts and
+    says so. On the way somewhere it turns in."""
+
+    class Stay:
+        name = "stay"
+
+        def propose(self, situation: Situation) -> Proposal:
+            return Proposal("stay", 1.0, Command(), "whatever", 10**6, faces=faces)
+
+    pilot = Pilot(BehaviourSettings(), rig(), MOUNT)
+    pilot.behaviours.append(Stay())
+    at = pose(0, (0.0, 0.0, 0.0), BROADSIDE, (0.0, -CURRENT, 0.0))
+    pilot.space = water(at, None)
+    for n in range(int(np.floor((HALF[1] + 0.3) / pilot.space.voxel)), 40):
+        pilot.space.layers[0][n % pilot.space.shape[0]] = -(2**30)
+    pilot.drift.current = np.array([CURRENT, 0.0])
+    turned = any("current" in change for change in pilot.decide(Seen(START, at)).changes)
+    assert turned is not faces
 
 
 def test_no_surge_ahead_is_rehearsed_that_the_view_does_not_allow() -> None:
