@@ -31,6 +31,14 @@ def written_aside(path: Path) -> Iterator[Path]:
         aside.unlink(missing_ok=True)
 
 
+def make_folder(folder: Path) -> None:
+    """Make a folder and those above it, where they are not there. Raises GarbiError where the file system refuses."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise GarbiError(f"{folder}: cannot be made a folder: {error.strerror}") from error
+
+
 def _sync_folder(folder: Path) -> None:
     """So that a name outlives a power cut, too; some file systems cannot."""
     with suppress(OSError):

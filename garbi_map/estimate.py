@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import threading
 import time
+from collections import Counter
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
@@ -27,7 +28,7 @@ from garbi_map.register.agreement import Agreement
 from garbi_map.register.drift import Round
 from garbi_map.register.timing import Offset
 from garbi_map.scan import ScanLosses, scan
-from garbi_map.seabed import JudgedPoints, SeabedBuilder
+from garbi_map.seabed import JudgedPoints, SeabedBuilder, judge_in_stretches
 from garbi_map.sweep import Sweep
 from garbi_map.sweep.store import SweepStore
 
@@ -176,16 +177,15 @@ def judged_of(
         return known
     progress.stage("seabed", 3 * len(store))
     mount = dive.navigation.mount("rig")
-    builder = SeabedBuilder(dive.config.seabed, mount, dive.rig.eyes)
 
-    def posed() -> Iterator[tuple[Sweep, Trajectory]]:
-        for sweep in counted(store, progress):
+    def posed(begin: int, end: int) -> Iterator[tuple[Sweep, Trajectory]]:
+        for index in counted(range(begin, end), progress):
+            sweep = store.load(index)
             yield sweep, trajectory.at(sweep.stamp_ns).mounted(mount)
 
-    for sweep, poses in posed():
-        builder.observe(sweep, poses)
-    for sweep, poses in posed():
-        builder.see_through(sweep, poses)
+    def judge() -> SeabedBuilder:
+        return SeabedBuilder(dive.config.seabed, mount, dive.rig.eyes)
+
     submaps: list[SubmapFile] = []
     parts: list[tuple[int, JudgedPoints, NDArray[np.float64]]] = []
     longest = round(dive.config.database.submap_seconds * 1e9)
@@ -196,8 +196,10 @@ def judged_of(
         parts.clear()
 
     begin_ns = 0
-    for sweep, poses in posed():
-        points = builder.judge(sweep, poses)
+    accepted, rejected = 0, Counter[str]()
+    for sweep, poses, points in judge_in_stretches(posed, len(store), judge):
+        accepted += len(points.points)
+        rejected.update(points.rejected)
         if parts and sweep.stamp_ns[-1] - begin_ns > longest:
             close()
         if not parts:
@@ -207,7 +209,7 @@ def judged_of(
     close()
     if not submaps:
         raise GarbiError(f"{dive.paths[0]}: no point of the seabed was accepted: there is no map to make")
-    judged = Judged(submaps, builder.accepted, dict(builder.rejected))
+    judged = Judged(submaps, accepted, dict(rejected))
     keep(kept, judged)
     return judged
 

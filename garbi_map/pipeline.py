@@ -12,8 +12,8 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from garbi_map.aside import alone_in, remove_leftovers
-from garbi_map.calibrate.map_uncertainty import MapSamples
+from garbi_map.aside import alone_in, make_folder, remove_leftovers
+from garbi_map.calibrate.map_uncertainty import MapSamples, View
 from garbi_map.config import Config
 from garbi_map.db import Database, StoredDive, join_map, laid, lay_all
 from garbi_map.dive import Dive, Map, Span, open_dive
@@ -26,6 +26,7 @@ from garbi_map.place import check_place, place_on_earth
 from garbi_map.progress import Progress, Show, Silent, unseen
 from garbi_map.publish import is_published, published, roll_forward
 from garbi_map.recordings import split_recordings
+from garbi_map.rig import parse_rig
 from garbi_map.seabed import CELL_BYTES
 
 __all__ = ["build_map", "open_dive", "sweeps_of"]
@@ -56,10 +57,7 @@ def build_map(
     dives = [open_dive(recording, config, rig_path, span) for recording in recordings]
     for remark in dict.fromkeys(remark for dive in dives for remark in dive.log.remarks):
         progress.note(remark)
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise GarbiError(f"{out}: cannot be made a folder: {error.strerror}") from error
+    make_folder(out)
     with (
         alone_in(out),
         Database(out.absolute() / "db") as database,
@@ -70,6 +68,7 @@ def build_map(
         new = [dive for dive in dives if not database.holds(dive.recording, dive.key)]
         if not new and is_published(database, out, config):
             return left_out(database, dives)
+        check_orphans(database, out)
         check_rigs(database, new)
         check_place(database, dives[0])
 
@@ -108,6 +107,15 @@ def build_map(
         return left_out(database, dives)
 
 
+def check_orphans(database: Database, out: Path) -> None:
+    """Raises GarbiError where a folder holds the files of a map whose database is gone: a new map would replace them."""
+    left = [name for name in ("cloud.laz", "seabed.tif", "trajectory.tum") if (out / name).exists()]
+    if left and not database.dives:
+        raise GarbiError(
+            f"{out}: holds {left[0]} of a map without its database: put {database.folder} back, or choose another folder"
+        )
+
+
 def check_rigs(database: Database, new: list[Dive]) -> None:
     """Raises GarbiError where a dive was made with another rig than those that it joins, unless that is allowed."""
     replaced = {dive.recording for dive in new}
@@ -136,6 +144,7 @@ def stored(dive: Dive, made: Estimate) -> StoredDive:
         begin_ns=int(stamps[0]),
         end_ns=int(stamps[-1]),
         rig=dive.rig.to_yaml(),
+        mount=dive.navigation.mount("rig"),
         configuration=dive.config.to_yaml(),
         trajectory=trajectory_file(dive),
         accepted=made.judged.accepted,
@@ -170,7 +179,8 @@ def write_clouds(
     database: Database, files: Path, config: Config, reference: Georeference, wanted: Callable[[], None]
 ) -> None:
     """The points of all dives: those of the seabed, and apart from them what moved; `wanted` is called for each part."""
-    for name, parts in (("cloud.laz", database.points()), ("moving.laz", database.moving())):
+    accepted = (points for _, points in database.points())
+    for name, parts in (("cloud.laz", accepted), ("moving.laz", database.moving())):
         at_once = config.export.room_for(POINT_BYTES)
         with CloudWriter(files / name, config.export.cloud_scale, reference, at_once) as cloud:
             for points in parts:
@@ -180,9 +190,11 @@ def write_clouds(
 
 def with_calibration(built: Map, database: Database, dive: Dive) -> Map:
     """The map with what the calibration and the path leave open in the uncertainties of its cells."""
+    rigs = {known.rig: parse_rig(known.rig, database.folder.name) for known in database.dives}
+    views = {known.recording: View(rigs[known.rig], known.mount) for known in database.dives}
     samples = MapSamples(built.seabed)
-    for points in database.points():
-        samples.add(points)
-    doubt = samples.uncertainty(database.poses_at, dive.navigation.mount("rig"), dive.rig)
+    for known, points in database.points():
+        samples.add(points, views[known.recording])
+    doubt = samples.uncertainty(database.poses_at)
     level = dive.config.export.surface_sigma if dive.navigation.pressure is not None else 0.0
     return replace(built, seabed=doubt.carried_into(built.seabed, level), doubt=doubt)

@@ -12,7 +12,7 @@ from rigs import make_rig
 from scanned_floor import MOUNTS, Dive, dive, register_dive
 from scipy.spatial.transform import Rotation
 
-from garbi_map.calibrate.map_uncertainty import CAREFUL, MapSamples, MapUncertainty, rig_errors
+from garbi_map.calibrate.map_uncertainty import CAREFUL, MapSamples, MapUncertainty, View, rig_errors
 from garbi_map.calibrate.uncertainty import alpha_through
 from garbi_map.log.records import Mount
 from garbi_map.navigate import Trajectory
@@ -56,10 +56,10 @@ def made(one: Dive, true: Rig, used: Rig, folder: Path) -> tuple[Seabed, MapUnce
         judged.append(points)
 
     seabed, _ = build_seabed(posed, SETTINGS, MOUNT, take, used.eyes)
-    samples = MapSamples(seabed)
+    samples, view = MapSamples(seabed), View(used, MOUNT)
     for points in judged:
-        samples.add(points)
-    return seabed, samples.uncertainty(registered.trajectory.at, MOUNT, used)
+        samples.add(points, view)
+    return seabed, samples.uncertainty(registered.trajectory.at)
 
 
 def test_maps_of_drawn_rigs_differ_as_stated(tmp_path: Path) -> None:
@@ -97,3 +97,49 @@ def test_what_is_not_told_is_a_careful_calibration(tmp_path: Path) -> None:
     np.testing.assert_allclose(inside**2, (seabed.uncertainty**2 + doubt.bent**2)[cells], rtol=1e-4)
     assert (earth > 0.1).all() and np.isfinite(earth).all() and (doubt.displaced[cells] > 1e-5).all()
     assert np.isnan(carried.absolute[~cells]).all()
+
+
+CELL, HEIGHT = 0.02, 1.4
+"""m"""
+
+
+def bare(places: list[float]) -> Seabed:
+    """A flat floor of a square metre about each of these places along x."""
+    shape = (50, round((max(places) - min(places) + 1.0) / CELL))
+    zero, one = np.zeros(shape, np.float32), np.ones(shape, np.int32)
+    return Seabed((min(places) - 0.5, -0.5), CELL, zero, zero, one, zero, zero, one)
+
+
+def displacement(*looks: tuple[View, float]) -> list[float]:
+    """By what the calibration displaces the floor, m, at each place that one or several views saw from straight above."""
+    places = sorted({at for _, at in looks})
+    samples = MapSamples(bare(places))
+    eyes = np.array([[at, 0.0, HEIGHT] for _, at in looks]) - [view.mount.translation for view, _ in looks]
+    n = len(looks)
+    path = Trajectory(np.arange(n), eyes, np.tile([0.0, 0.0, 0.0, 1.0], (n, 1)), np.zeros((n, 6, 6)))
+    across = np.arange(-0.24, 0.25, 0.02)
+    floor = np.stack([*np.meshgrid(across, across), np.zeros((len(across),) * 2)], axis=-1).reshape(-1, 3)
+    for number, (view, at) in enumerate(looks):
+        none = np.zeros(len(floor))
+        samples.add(
+            JudgedPoints(
+                np.full(len(floor), number), floor + np.array([at, 0.0, 0.0]), none.astype(np.float32),
+                none.astype(np.float32), none.astype(np.uint8), gradient=np.zeros((len(floor), 2)), noise=none, pose=none,
+            ),
+            view,
+        )  # fmt: skip
+    doubt = samples.uncertainty(path.at)
+    middle = [round((at - places[0] + 0.5) / CELL) for at in places]
+    return [float(np.median(doubt.displaced[20:30, column - 5 : column + 5])) for column in middle]
+
+
+def test_what_each_of_several_rigs_saw_bears_the_doubt_of_that_rig() -> None:
+    """One is ten times less sure of its baseline, and mounted another way: where each looked alone, the map is as unsure as
+    one of its own dives; where both looked, their errors, which have nothing to do with each other, average out."""
+    far = Mount(MOUNT.translation + np.array([0.0, 0.3, 0.7]), MOUNT.quaternion)
+    sure, unsure = (View(told(make_rig(), {"laser.y": sigma}), mount) for sigma, mount in ((1e-4, MOUNT), (1e-3, far)))
+    (good,), (bad,) = displacement((sure, 0.0)), displacement((unsure, 0.0))
+    assert good == pytest.approx(1e-4 * HEIGHT / 0.395, rel=0.2) and bad == pytest.approx(10 * good, rel=0.01)
+    assert displacement((sure, 0.0), (unsure, 5.0)) == pytest.approx([good, bad], rel=0.01)
+    assert displacement((sure, 0.0), (unsure, 0.0)) == pytest.approx([np.hypot(good, bad) / 2], rel=0.01)
+    assert displacement((unsure, 0.0), (unsure, 0.0)) == pytest.approx([bad], rel=0.01)

@@ -9,6 +9,7 @@ import pytest
 import rasterio
 
 from tests.conftest import Garbi
+from tests.test_map_bad_input import largest_file
 from tests.two_maps import floor, write_folder
 
 
@@ -83,6 +84,16 @@ def test_a_folder_that_holds_a_map(garbi: Garbi, good: Path) -> None:
     ended = garbi("compare", good, good, "-o", good)
     assert ended.status == 1
     assert "folder of its own" in ended.err
+
+
+def test_a_full_disk(garbi: Garbi, good: Path, tmp_path: Path) -> None:
+    """One line that names the file, and no half of one."""
+    out = tmp_path / "change"
+    with largest_file(20_000):
+        ended = garbi("compare", good, good, "--as-is", "-o", out)
+    assert ended.status == 1 and ended.err.count("\n") == 1
+    assert str(out) in ended.err and "cannot be written" in ended.err
+    assert not (out / "report.json").exists() and all(file.stat().st_size < 20_000 for file in out.iterdir())
 
 
 def test_usage(garbi: Garbi, good: Path) -> None:

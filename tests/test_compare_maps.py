@@ -4,20 +4,25 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pyogrio
+import pyproj
 import pytest
 import rasterio
 from scipy.spatial.transform import Rotation
 
 from garbi_map.compare import CompareSettings, Comparison, align, compare_maps, open_map_folder
+from garbi_map.compare.files import write_outlines
 from garbi_map.compare.settings import AlignmentSettings
 from garbi_map.errors import GarbiError
 from garbi_map.export import Georeference
 from garbi_map.view.show import recording_of
 from tests.two_maps import Height, floor, with_dome, write_folder
 
+WGS84 = pyproj.Geod(ellps="WGS84")
 TURN = Rotation.from_euler("ZYX", [2.1, 0.01, -0.006]).as_matrix()
 SHIFT = (3.2, -7.1, -11.0)
 HEAP = ((0.25, 0.15), 0.06, 0.01)
@@ -105,12 +110,74 @@ def test_files_are_read_by_other_programs(found: Comparison, tmp_path_factory: p
     with (folder / "changes.csv").open() as table:
         lines = list(csv.DictReader(table))
     assert [line["kind"] for line in lines] == [patch.kind for patch in found.patches]
-    outlines = json.loads((folder / "changes.geojson").read_text())["features"]
-    assert [one["properties"]["number"] for one in outlines] == [1, 2]
+    assert not (folder / "changes.geojson").exists()  # RFC 7946 knows no local system
     report = json.loads((folder / "report.json").read_text())
     assert len(report["changes"]) == 2
     assert "1 thing moved" in (folder / "report.html").read_text()
     assert recording_of(folder) == folder / "compare.rrd"
+
+
+def test_outlines_open_in_gdal_with_their_system(found: Comparison) -> None:
+    """Valid polygons, as large as the table says, around the cells of the raster; the system says that it is local."""
+    folder = found.second.path.parent / "change"
+    info = pyogrio.read_info(folder / "changes.gpkg")
+    assert info["geometry_type"] == "MultiPolygon" and "not georeferenced" in info["crs"]
+    with (folder / "changes.csv").open() as table:
+        lines = list(csv.DictReader(table))
+    assert list(info["fields"]) == list(lines[0])
+    query = "SELECT kind, area_m2, mean_m, largest_m, detection_m, ST_Area(geom), ST_IsValid(geom) FROM changes"
+    _, _, _, columns = pyogrio.raw.read(folder / "changes.gpkg", sql=query)
+    kind, area, mean, largest, detection, drawn, valid = columns
+    assert kind.tolist() == [line["kind"] for line in lines] and valid.all()
+    np.testing.assert_allclose(drawn, area, rtol=1e-3)
+    assert (detection < mean).all() and (mean <= np.abs(largest)).all() and (detection > 0).all()
+    cells = [np.isin(found.labels, patch.label) for patch in found.patches]
+    rows, columns_ = np.nonzero(cells[0])
+    x, y = (
+        found.change.origin[k] + np.array([n.min(), n.max() + 1]) * found.change.cell
+        for k, n in ((0, columns_), (1, rows))
+    )
+    _, bounds = pyogrio.read_bounds(folder / "changes.gpkg")
+    np.testing.assert_allclose(bounds[:, 0], [x[0], y[0], x[1], y[1]], atol=1e-9)
+
+
+def test_parts_that_touch_at_a_corner_and_holes_are_valid_polygons(found: Comparison, tmp_path: Path) -> None:
+    """A checkerboard of four cells, and a ring about a hole."""
+    labels = np.zeros_like(found.labels)
+    labels[20:22, 20:22] = np.eye(2)
+    labels[40:43, 40:43] = 2
+    labels[41, 41] = 0
+    shapes = [replace(found.patches[0], number=number, label=(number,)) for number in (1, 2)]
+    write_outlines(tmp_path, shapes, found.change, labels)
+    query = "SELECT ST_NumGeometries(geom), ST_Area(geom), ST_IsValid(geom) FROM changes"
+    _, _, _, (parts, area, valid) = pyogrio.raw.read(tmp_path / "changes.gpkg", sql=query)
+    assert valid.all() and parts.tolist() == [2, 1]
+    np.testing.assert_allclose(area, np.array([2, 8]) * found.change.cell**2)
+
+
+def test_outlines_on_earth_are_geojson_too(found: Comparison, tmp_path: Path) -> None:
+    """RFC 7946: longitude and latitude of WGS 84, outlines anticlockwise, no system named; PROJ puts them where the
+    GeoPackage has them in the compound system of the map."""
+    crs = rasterio.crs.CRS.from_string("EPSG:32631+5829")
+    placed = replace(found.change, reference=Georeference(crs.to_wkt(), (512_345.25, 4_650_123.5, 0.0), 0.9996))
+    write_outlines(tmp_path, found.patches, placed, found.labels)
+    collection = json.loads((tmp_path / "changes.geojson").read_text())
+    assert collection.keys() == {"type", "features"}
+    system = pyproj.CRS(pyogrio.read_info(tmp_path / "changes.gpkg")["crs"])
+    assert system.is_compound and system.sub_crs_list[0].to_epsg() == 32631
+    grid = pyproj.Transformer.from_crs("OGC:CRS84", 32631, always_xy=True)
+    _, bounds = pyogrio.read_bounds(tmp_path / "changes.gpkg")
+    for one, patch, box in zip(collection["features"], found.patches, bounds.T, strict=True):
+        assert one["properties"]["kind"] == patch.kind and one["geometry"]["type"] == "MultiPolygon"
+        polygons = [[np.array(ring) for ring in rings] for rings in one["geometry"]["coordinates"]]
+        areas = [[WGS84.polygon_area_perimeter(*ring.T)[0] for ring in rings] for rings in polygons]
+        assert all(outline > 0 and max(holes, default=-1) < 0 for outline, *holes in areas)
+        assert sum(sum(own) for own in areas) == pytest.approx(patch.area, rel=1e-3)
+        places = np.column_stack(grid.transform(*np.concatenate([rings[0] for rings in polygons]).T))
+        np.testing.assert_allclose([*places.min(axis=0), *places.max(axis=0)], box, atol=2e-4)
+    assert pyogrio.read_info(tmp_path / "changes.geojson")["crs"] == "EPSG:4326"
+    write_outlines(tmp_path, found.patches, found.change, found.labels)
+    assert not (tmp_path / "changes.geojson").exists()  # what another comparison left is not this one's
 
 
 def test_a_map_compared_with_itself_has_not_changed(before: Path, tmp_path: Path) -> None:

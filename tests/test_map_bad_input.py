@@ -194,7 +194,7 @@ def test_disk_that_takes_no_more(
     with largest_file(size):
         ended = garbi("map", dive, "-o", out, "--to", 4)
     own = [line for line in ended.err.splitlines(keepends=True) if "re_log_encoding" not in line]  # Rerun says it, too
-    refused(ended._replace(err="".join(own)))
+    refused(ended._replace(err="".join(own)), str(out), "cannot be written")
     left = {path.name: path.stat().st_size for path in out.iterdir() if path.name != ".work"}
     assert set(left) < set(OUTPUTS) and "report.json" not in left
     assert all(length < size for length in left.values())

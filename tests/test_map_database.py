@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from conftest import Garbi
 from dive_logs import SAMPLE, later_part, rewrite
+from test_map_bad_input import largest_file
 
 from garbi_map.config import Config
 from garbi_map.evaluate import read_tum
@@ -198,12 +199,15 @@ def copied(one: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(one, tmp_path / "map"))
 
 
-def test_database_of_a_newer_version_is_left_alone(pair: tuple[Path, Path], copied: Path, garbi: Garbi) -> None:
+@pytest.mark.parametrize(("version", "said"), [(99, "a newer garbi (format 99"), (1, "an older garbi (format 1,")])
+def test_database_of_another_version_is_left_alone(
+    version: int, said: str, pair: tuple[Path, Path], copied: Path, garbi: Garbi
+) -> None:
     """The line says so; nothing changes."""
     with sqlite3.connect(copied / "db/catalogue.sqlite") as catalogue:
-        catalogue.execute("pragma user_version = 99")
+        catalogue.execute(f"pragma user_version = {version}")
     before = contents(copied)
-    refused(garbi("map", pair[1], "-o", copied), "newer garbi", "format 99")
+    refused(garbi("map", pair[1], "-o", copied), said, "another folder")
     assert contents(copied) == before
 
 
@@ -213,6 +217,14 @@ def test_half_deleted_database_is_named(gone: str, pair: tuple[Path, Path], copi
     file = next(copied.glob(gone))
     file.unlink()
     refused(garbi("map", pair[1], "-o", copied), str(file), "missing", "another folder")
+
+
+def test_map_whose_database_is_gone_is_not_replaced(pair: tuple[Path, Path], copied: Path, garbi: Garbi) -> None:
+    """A new map in its place would take its name; its files stay as they are."""
+    shutil.rmtree(copied / "db")
+    before = contents(copied)
+    refused(garbi("map", pair[1], "-o", copied), "cloud.laz", "without its database", "another folder")
+    assert contents(copied) == before
 
 
 @pytest.mark.parametrize("spoilt", ["db/catalogue.sqlite", "db/submaps/*.parquet"])
@@ -228,17 +240,34 @@ def test_damaged_database_is_named(spoilt: str, pair: tuple[Path, Path], copied:
 
 
 def test_dive_with_another_rig_is_refused_unless_that_is_allowed(
-    pair: tuple[Path, Path], copied: Path, garbi: Garbi, tmp_path: Path
+    pair: tuple[Path, Path], copied: Path, garbi: Garbi, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A season with a new calibration is possible, by mistake it is not."""
+    """A season with a new calibration is possible, by mistake it is not; what a dive saw bears the doubt of its own rig."""
+    from garbi_map.calibrate.map_uncertainty import MapSamples, View
     from garbi_map.log import open_log
+    from garbi_map.seabed import JudgedPoints
 
     text = open_log([pair[1]]).rig_text or ""
     assert "beta: 0.017" in text
-    other = rewrite(pair[1], tmp_path / "other.mcap", rig=text.replace("beta: 0.017", "beta: 0.018"))
+    other = rewrite(pair[1], tmp_path / "other.mcap", rig=text.replace("beta: 0.017", "beta: 0.01701 # 0.017"))
     before = contents(copied)
     refused(garbi("map", other, "-o", copied), "other.mcap", "another rig.yaml", "several_rigs")
     assert contents(copied) == before
+    config = tmp_path / "config.yaml"
+    config.write_text("database: {several_rigs: true}")
+    seen: dict[float, int] = {}
+    add = MapSamples.add
+
+    def noted(samples: MapSamples, points: JudgedPoints, view: View) -> None:
+        add(samples, points, view)
+        assert view.mount.translation.any()
+        if len(points.stamp_ns):
+            seen.setdefault(view.rig.laser.beta, int(points.stamp_ns[0]))
+
+    monkeypatch.setattr(MapSamples, "add", noted)
+    assert garbi("map", other, "-o", copied, "--config", config).status == 0
+    first, second = seen
+    assert second == 0.01701 != first and seen[second] - seen[first] > LATER
 
 
 def test_dive_of_another_site_is_refused_and_nothing_is_lost(
@@ -264,3 +293,16 @@ def test_folder_that_cannot_be_written(pair: tuple[Path, Path], copied: Path, ga
         )
         refused(garbi("map", pair[1], "-o", copied), "catalogue.sqlite", "readonly", "nothing was changed")
     assert {name: data for name, data in contents(copied).items() if name in before} == before
+
+
+def test_disk_that_is_full_when_a_dive_joins(
+    pair: tuple[Path, Path], one: Path, both: Path, copied: Path, garbi: Garbi
+) -> None:
+    """One line that names the file; the map is the one before; with room again the same command ends in the grown one."""
+    size = (both / "cloud.laz").stat().st_size - 1000
+    with largest_file(size):
+        refused(garbi("map", pair[1], "-o", copied), str(copied), "cannot be written")
+    kept = contents(one)
+    assert {name: data for name, data in contents(copied).items() if name in kept} == kept
+    assert garbi("map", pair[1], "-o", copied).status == 0
+    assert contents(copied) == contents(both)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array, diags_array
 from scipy.sparse.linalg import splu
+from scipy.spatial.transform import Rotation
 
 from garbi_map.calibrate.field_rig import RigUnknowns, known_covariance
 from garbi_map.calibrate.scanner import LATENCY
@@ -48,6 +49,14 @@ _STEEPEST = 1.5
 """Slope beyond which the elevation of a cell is no one number."""
 
 
+@dataclass(frozen=True, eq=False)
+class View:
+    """What looked: a rig, and how it is mounted, base_link <- rig."""
+
+    rig: Rig
+    mount: Mount
+
+
 @dataclass(frozen=True)
 class MapUncertainty:
     """1 sigma of the elevation, (rows, columns) m, of the cells of a seabed.
@@ -55,7 +64,7 @@ class MapUncertainty:
     bent        by the calibration, inside the map: what no rigid motion of the map can remove
     displaced   by the calibration, on Earth
     path        by the path, on Earth
-    told        whether the rig file tells its covariance, else that of a careful calibration was taken
+    told        whether every rig file tells its covariance, else that of a careful calibration was taken for it
     """
 
     bent: Floats
@@ -86,7 +95,7 @@ def rig_errors(rig: Rig) -> tuple[RigUnknowns, bool]:
 
 
 class MapSamples:
-    """`add` the points of every sweep of a map; `uncertainty` says what the rig's and the path's errors mean for it.
+    """`add` the points of every sweep of a map; `uncertainty` says what the rigs' and the path's errors mean for it.
 
     Of every sweep one point in a square is kept: memory grows with the area seen, and how often.
     """
@@ -97,9 +106,10 @@ class MapSamples:
         rows, columns = seabed.elevation.shape
         self._shape = tuple(int(np.ceil(n * seabed.cell / self._side)) for n in (rows, columns))
         self._parts: list[tuple[NDArray[np.int64], NDArray[np.int64], Floats, Floats]] = []
+        self._views: list[View] = []
 
-    def add(self, points: JudgedPoints) -> None:
-        """Take in the accepted points of one whole sweep."""
+    def add(self, points: JudgedPoints, view: View) -> None:
+        """Take in the accepted points of one whole sweep, and what saw them."""
         if not len(points.points):
             return
         column, row = (
@@ -108,34 +118,46 @@ class MapSamples:
         )
         square, first = np.unique((row * self._shape[1] + column).astype(np.int64), return_index=True)
         self._parts.append((square, points.stamp_ns[first], points.points[first], points.gradient[first]))
+        self._views.append(view)
 
-    def uncertainty(self, path: Path, mount: Mount, rig: Rig) -> MapUncertainty:
-        """path: map <- base_link at stamps, with its covariance on Earth; mount: base_link <- rig."""
+    def uncertainty(self, path: Path) -> MapUncertainty:
+        """path: map <- base_link at stamps, with its covariance on Earth."""
         from garbi_map.seabed.kernels import point_errors
 
         square, stamps, points, slope = (np.concatenate(part) for part in zip(*self._parts, strict=True))
-        sweep = np.repeat(np.arange(len(self._parts)), [len(part[0]) for part in self._parts])
+        lengths = [len(part[0]) for part in self._parts]
         base = path(stamps)
-        poses = base.mounted(mount)
-        turn = poses.rotation
-        seen = turn.inv().apply(points - poses.position)
-        pixels, alpha = _looked_at(rig, seen)
-        good = np.isfinite(pixels).all(axis=1) & np.isfinite(alpha)
+        looks = [
+            _Look.of(view, np.repeat([one is view for one in self._views], lengths), base, points)
+            for view in dict.fromkeys(self._views)
+        ]
+        good, eye = np.zeros(len(points), np.bool_), np.zeros_like(points)
+        for look in looks:
+            good[look.rows[look.good]] = True
+            eye[look.rows] = look.eye
         place, member = np.unique(square[good], return_inverse=True)
         up = np.concatenate([-slope, np.ones((len(slope), 1))], axis=1)
+        sweep = np.repeat(np.arange(len(lengths)), lengths)
         network = _Network(points[good], up[good], member, sweep[good], base.covariance[good])
-        unknown, told = rig_errors(rig)
-        u, v = pixels[good].T
+        told = True
         bent, displaced = np.zeros((2, len(place), 3, 3))
-        for one in np.eye(len(unknown.names)):  # a principal error of the rig, one standard deviation of it
-            ends = [unknown.at(sign * one).triangulate(u, v, alpha[good]).points for sign in (1.0, -1.0)]
-            laid = network.laid(turn[good].apply((ends[0] - ends[1]) / 2))
-            for total, moved in ((displaced, laid), (bent, network.without_rigid_motion(laid))):
-                mean = network.mean(moved)
-                total += mean[:, :, None] * mean[:, None, :]
+        rigs: dict[str, list[_Look]] = {}
+        for look in looks:
+            rigs.setdefault(look.view.rig.to_yaml(), []).append(look)
+        for mine in rigs.values():  # two rigs err each for itself
+            unknown, own = rig_errors(mine[0].view.rig)
+            told &= own
+            for one in np.eye(len(unknown.names)):  # a principal error of the rig, one standard deviation of it
+                moved = np.zeros_like(points)
+                for look in mine:
+                    moved[look.rows] = look.moved(*(unknown.at(sign * one) for sign in (1.0, -1.0)))
+                laid = network.laid(moved[good])
+                for total, left in ((displaced, laid), (bent, network.without_rigid_motion(laid))):
+                    mean = network.mean(left)
+                    total += mean[:, :, None] * mean[:, None, :]
         each = np.arange(len(points), dtype=np.int32)
         none = np.zeros(len(points), np.float32)
-        by_path = point_errors(points, each, none, poses.position, base.position, base.covariance, slope)[2][good]
+        by_path = point_errors(points, each, none, eye, base.position, base.covariance, slope)[2][good]
         return MapUncertainty(
             bent=self._of_elevation(place, bent),
             displaced=self._of_elevation(place, displaced),
@@ -166,10 +188,39 @@ class MapSamples:
         return map_coordinates(squares[tuple(nearest)], np.meshgrid(*at, indexing="ij"), order=1, mode="nearest")
 
 
-def _looked_at(rig: Rig, seen: Floats) -> tuple[Floats, Floats]:
-    """Pixels (n, 2) and angles of the laser (n,) rad of points (n, 3), rig frame."""
-    fixed = rig.laser.fixed_angle
-    return rig.project(seen), alpha_through(rig.laser, seen) if fixed is None else np.full(len(seen), fixed)
+@dataclass(frozen=True)
+class _Look:
+    """Samples that a view saw: their rows (k,) among all, where the rig was (k, 3), how it was turned, their pixels (k, 2),
+    angles of the laser (k,) rad, and which of them the rig can see (k,)."""
+
+    view: View
+    rows: NDArray[np.int64]
+    eye: Floats
+    turn: Rotation
+    pixels: Floats
+    alpha: Floats
+    good: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, view: View, mine: NDArray[np.bool_], base: Trajectory, points: Floats) -> _Look:
+        """Those of all samples (n, 3) in `map` that are `mine` (n,), from the poses of base_link (n,)."""
+        rows, rig = np.flatnonzero(mine), view.rig
+        turn = base.rotation[rows]
+        eye = base.position[rows] + turn.apply(view.mount.translation)
+        turn = turn * Rotation.from_quat(view.mount.quaternion)
+        seen = turn.inv().apply(points[rows] - eye)
+        fixed = rig.laser.fixed_angle
+        alpha = alpha_through(rig.laser, seen) if fixed is None else np.full(len(seen), fixed)
+        pixels = rig.project(seen)
+        return cls(view, rows, eye, turn, pixels, alpha, np.isfinite(pixels).all(axis=1) & np.isfinite(alpha))
+
+    def moved(self, one: Rig, other: Rig) -> Floats:
+        """By how much (k, 3) in `map` the samples move by half of what two rigs differ; not where none sees them."""
+        out = np.zeros_like(self.eye)
+        u, v = self.pixels[self.good].T
+        ends = [rig.triangulate(u, v, self.alpha[self.good]).points for rig in (one, other)]
+        out[self.good] = self.turn[self.good].apply((ends[0] - ends[1]) / 2)
+        return out
 
 
 class _Network:

@@ -35,6 +35,7 @@ class Patch:
     area         m^2
     gained       m^3, and lost, m^3; sigma: 1 sigma of either
     largest      m, the largest rise or fall, with its sign
+    detection    m, the level of detection, in the mean of its cells
     move         (x, y) m by which it moved, None for what did not
     label        its number in the raster of patches; of what moved also that of the gain
     """
@@ -47,8 +48,14 @@ class Patch:
     lost: float
     sigma: float
     largest: float
+    detection: float
     label: tuple[int, ...]
     move: tuple[float, float] | None = None
+
+    @property
+    def mean(self) -> float:
+        """By how much it rose or fell in the mean of its area, m, without a sign."""
+        return (self.gained + self.lost) / self.area
 
     @property
     def moved(self) -> float | None:
@@ -113,6 +120,7 @@ def _single(change: Change, mine: Mask, number: int, kind: Literal["appeared", "
         lost=max(-volume, 0.0),
         sigma=float(sigma),
         largest=float(rise[np.argmax(np.abs(rise))]),
+        detection=float(np.nanmean(change.detection[mine])),
         label=(number,),
     )
 
@@ -139,10 +147,12 @@ def _paired(change: Change, labels: NDArray[np.int32], singles: list[Patch], set
             continue
         taken |= {old.number, here.number}
         largest = max(old.largest, here.largest, key=abs)
+        area = old.area + here.area
+        detection = (old.detection * old.area + here.detection * here.area) / area
         out.append(
             Patch(
-                0, "moved", move.place, old.area + here.area, here.gained, old.lost, float(np.hypot(old.sigma, here.sigma)),
-                largest, (old.label[0], here.label[0]), move.shift,
+                0, "moved", move.place, area, here.gained, old.lost, float(np.hypot(old.sigma, here.sigma)),
+                largest, detection, (old.label[0], here.label[0]), move.shift,
             )
         )  # fmt: skip
     return out + [patch for patch in singles if patch.number not in taken]

@@ -26,18 +26,22 @@ from garbi_map.words import angle, length, many, percent
 OUTPUTS = {
     "change.tif": "distance, level of detection and significance per cell",
     "changes.csv": "the patches that changed",
-    "changes.geojson": "their outlines, in the first map's frame, metres",
+    "changes.gpkg": "their outlines, in the reference system of the first map",
     "compare.rrd": "both surfaces and what changed in Rerun: garbi view DIR",
     "report.json": "this report, for programs",
     "report.html": "this report",
 }
+
+ON_EARTH = {"changes.geojson": "the same in longitude and latitude (WGS 84)"}
+"""Where the first map is georeferenced."""
 
 _STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; color: #1b2128; max-width: 980px; margin: 2em auto; padding: 0 1em; }
 h1 { font-size: 1.5em; margin-bottom: 0; } h2 { font-size: 1.1em; margin-top: 1.6em; }
 p.sub { color: #5a6672; margin-top: .2em; } img { width: 100%; image-rendering: pixelated; }
 table { border-collapse: collapse; width: 100%; } td, th { padding: .3em .6em; border-bottom: 1px solid #dde2e6; }
-td { text-align: right; } td:nth-child(2) { text-align: left; } th { text-align: right; font-weight: 600; }
+td { text-align: right; white-space: nowrap; }
+td:nth-child(2) { text-align: left; } th { text-align: right; font-weight: 600; }
 p.verdict { font-size: 1.15em; background: #eef4f6; padding: .8em 1em; border-radius: 6px; }
 """
 
@@ -97,7 +101,7 @@ def _model(found: Comparison, settings: CompareSettings) -> dict[str, Any]:
         "changes": [_entry(patch) for patch in found.patches],
         "configuration": settings.model_dump(mode="json"),
         "versions": {"garbi": __version__},
-        "outputs": OUTPUTS,
+        "outputs": OUTPUTS | ({} if change.reference.is_local else ON_EARTH),
     }
 
 
@@ -111,6 +115,8 @@ def _entry(patch: Patch) -> dict[str, Any]:
         "lost_m3": patch.lost,
         "sigma_m3": patch.sigma,
         "largest_m": patch.largest,
+        "mean_m": patch.mean,
+        "level_of_detection_m": patch.detection,
         "move_m": None if patch.move is None else list(patch.move),
         "moved_m": patch.moved,
     }
@@ -145,7 +151,9 @@ def _page(found: Comparison) -> str:
             "gained, cm³",
             "lost, cm³",
             "± cm³",
+            "mean",
             "largest",
+            "detected from",
             "moved by",
         )
     )
@@ -173,7 +181,9 @@ def _line(patch: Patch) -> str:
         f"{1e6 * patch.gained:.1f}",
         f"{1e6 * patch.lost:.1f}",
         f"{1e6 * patch.sigma:.1f}",
+        length(patch.mean),
         length(patch.largest),
+        length(patch.detection),
         "" if patch.moved is None else length(patch.moved),
     )
     return "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in cells) + "</tr>"

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from garbi_map.aside import alone_in, remove_leftovers
+from garbi_map.aside import alone_in, make_folder, remove_leftovers
 from garbi_map.compare.alignment import Alignment, align, as_is
 from garbi_map.compare.change import Change, difference
-from garbi_map.compare.files import write_change_tif, write_changes_csv, write_changes_geojson
+from garbi_map.compare.files import write_change_tif, write_changes_csv, write_outlines
 from garbi_map.compare.maps import MapFolder, open_map_folder
 from garbi_map.compare.patches import Patch, find_patches
 from garbi_map.compare.settings import CompareSettings
@@ -50,10 +50,7 @@ def compare_maps(
     maps = [open_map_folder(path) for path in (first, second)]
     if (out / "seabed.tif").exists():
         raise GarbiError(f"{out}: is a map; give the comparison a folder of its own with -o")
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise GarbiError(f"{out}: cannot be made a folder: {error.strerror}") from error
+    make_folder(out)
     with alone_in(out):
         remove_leftovers(out)
         progress("alignment")
@@ -65,7 +62,7 @@ def compare_maps(
         progress("files")
         write_change_tif(out / "change.tif", change, labels)
         write_changes_csv(out / "changes.csv", patches, change.reference)
-        write_changes_geojson(out / "changes.geojson", patches, change, labels)
+        write_outlines(out, patches, change, labels)
         record_change(out / "compare.rrd", found, about(found))
         write_report(out, found, settings)
     return found

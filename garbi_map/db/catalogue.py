@@ -10,7 +10,7 @@ import json
 import sqlite3
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -22,9 +22,10 @@ from garbi_map.db.submaps import Pose, SubmapFile
 from garbi_map.db.tiles import Tiles
 from garbi_map.errors import GarbiError
 from garbi_map.keys import digest_of
+from garbi_map.log.records import Mount
 
-SCHEMA = 1
-"""Of the tables below and the Parquet files; a newer one is refused."""
+SCHEMA = 2
+"""Of the tables below and the Parquet files; another one is refused. 2: dives have a mount."""
 _APPLICATION = 0x67617262  # "garb"
 
 _TABLES = """
@@ -36,7 +37,8 @@ create table dives (
     estimate text not null,              -- hash of recording, rig, configuration, seconds used and code
     title text not null,
     begin_ns integer not null, end_ns integer not null,
-    rig text not null references rigs, configuration text not null references configurations,
+    rig text not null references rigs, mount text not null,  -- base_link <- rig
+    configuration text not null references configurations,
     trajectory text not null,            -- file
     accepted integer not null, rejected text not null, left_out text not null
 );
@@ -93,6 +95,7 @@ class StoredDive:
     begin_ns: int
     end_ns: int
     rig: str
+    mount: Mount
     configuration: str
     trajectory: str
     accepted: int
@@ -122,12 +125,14 @@ class Catalogue:
         """In the order in which they joined."""
         with self._clear():
             rows = self._db.execute(
-                "select number, recording, estimate, title, begin_ns, end_ns, rigs.yaml, configurations.yaml, trajectory, "
-                "accepted, rejected, left_out from dives join rigs on rig = rigs.hash "
+                "select number, recording, estimate, title, begin_ns, end_ns, rigs.yaml, mount, configurations.yaml, "
+                "trajectory, accepted, rejected, left_out from dives join rigs on rig = rigs.hash "
                 "join configurations on configuration = configurations.hash order by number"
             ).fetchall()
-            told = [(*row[1:10], json.loads(row[10]), json.loads(row[11]), self._submaps(row[0])) for row in rows]
-            return [StoredDive(*one) for one in told]
+            return [
+                StoredDive(*(*row[1:7], _mount(row[7]), *row[8:11], *map(json.loads, row[11:]), self._submaps(row[0])))
+                for row in rows
+            ]
 
     def join(self, dive: StoredDive, moved: Sequence[StoredSubmap], detail: dict[str, Any]) -> None:
         """A dive joins, instead of an earlier estimate of the same recording where there is one; submaps of other dives
@@ -140,11 +145,12 @@ class Catalogue:
             for table, text in (("rigs", dive.rig), ("configurations", dive.configuration)):
                 db.execute(f"insert or ignore into {table} values (?, ?)", [digest_of(text), text])
             db.execute(
-                "insert into dives values (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+                "insert into dives values (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
                 [
                     number[0],
                     *(dive.recording, dive.estimate, dive.title, dive.begin_ns, dive.end_ns),
-                    *(digest_of(dive.rig), digest_of(dive.configuration), dive.trajectory, dive.accepted),
+                    *(digest_of(dive.rig), json.dumps([part.tolist() for part in astuple(dive.mount)])),
+                    *(digest_of(dive.configuration), dive.trajectory, dive.accepted),
                     *(json.dumps(dive.rejected), json.dumps(dive.left_out)),
                 ],
             )
@@ -222,10 +228,11 @@ class Catalogue:
             )
         elif application != _APPLICATION:
             raise GarbiError(f"{self._path}: not a garbi map's catalogue; choose another folder")
-        elif version > SCHEMA:
+        elif version != SCHEMA:
+            newer = version > SCHEMA
             raise GarbiError(
-                f"{self._path}: written by a newer garbi (format {version}, this one knows {SCHEMA}); "
-                "update garbi or choose another folder"
+                f"{self._path}: written by {'a newer' if newer else 'an older'} garbi (format {version}, this one knows "
+                f"{SCHEMA}); {'update garbi' if newer else 'build the map anew from its logs'} or choose another folder"
             )
 
     def _remember(self, what: str, detail: dict[str, Any]) -> None:
@@ -251,3 +258,9 @@ class Catalogue:
             yield
         except sqlite3.Error as error:
             raise GarbiError(f"{self._path}: {error}; nothing was changed") from error
+
+
+def _mount(text: str) -> Mount:
+    """What json.dumps made of translation and quaternion."""
+    translation, quaternion = json.loads(text)
+    return Mount(np.array(translation), np.array(quaternion))

@@ -11,7 +11,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from garbi_map.aside import remove_leftovers
+from garbi_map.aside import make_folder, remove_leftovers
 from garbi_map.db.catalogue import Catalogue, StoredDive, StoredSubmap
 from garbi_map.db.submaps import read_moving, read_submap
 from garbi_map.db.tiles import fuse_submap, memory_name, merge_memories
@@ -62,10 +62,7 @@ class Database:
     def catalogue(self) -> Catalogue:
         """The catalogue; the first time, it is made. Raises GarbiError where it cannot be written."""
         if self._catalogue is None:
-            try:
-                self.folder.mkdir(parents=True, exist_ok=True)
-            except OSError as error:
-                raise GarbiError(f"{self.folder}: cannot be made: {error.strerror}") from error
+            make_folder(self.folder)
             self._catalogue = Catalogue(self.folder / _CATALOGUE)
         return self._catalogue
 
@@ -112,10 +109,12 @@ class Database:
         """A file that a row names."""
         return self.folder / file
 
-    def points(self) -> Iterator[JudgedPoints]:
-        """All points in `map`, sweep by sweep; a submap is in memory at a time."""
-        for submap in self.submaps:
-            yield from read_submap(self.path(submap.written.file)).sweeps(submap.pose)
+    def points(self) -> Iterator[tuple[StoredDive, JudgedPoints]]:
+        """All points in `map`, sweep by sweep, and the dive that each is of; a submap is in memory at a time."""
+        for dive in self.dives:
+            for submap in dive.submaps:
+                for points in read_submap(self.path(submap.written.file)).sweeps(submap.pose):
+                    yield dive, points
 
     def moving(self) -> Iterator[Points]:
         """The points of all dives that were seen through, in `map`."""

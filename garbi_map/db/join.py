@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from functools import reduce
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -105,10 +104,8 @@ def _moved(submaps: list[StoredSubmap], transforms: NDArray[np.float64]) -> list
 
 def _surfels(folder: Path, submaps: list[StoredSubmap], settings: PlaceSettings, first: int = 0) -> Surfels:
     """The patches of submaps, numbered from `first`."""
-    return reduce(
-        join,
-        (
-            surfels_of(read_submap(folder / one.written.file), one.pose, k, settings)
-            for k, one in enumerate(submaps, first)
-        ),
-    )
+    parts = [
+        surfels_of(read_submap(folder / one.written.file), one.pose, k, settings)
+        for k, one in enumerate(submaps, first)
+    ]
+    return Surfels(*(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(Surfels)))

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from garbi_map.aside import written_aside
+from garbi_map.aside import make_folder, written_aside
 
 
 def keep(path: Path, result: Any) -> None:
@@ -21,7 +21,7 @@ def keep(path: Path, result: Any) -> None:
     """
     arrays: dict[str, Any] = {}
     tree = json.dumps(_told(result, arrays))
-    path.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(path.parent)
     with written_aside(path) as aside, aside.open("wb") as file:
         np.savez(file, tree=np.array(tree), **arrays)
 

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from garbi_map.db.settings import PlaceSettings
 from garbi_map.db.submaps import Pose, Submap
-from garbi_map.register.surfels import Surfels, extract_surfels, join
+from garbi_map.register.surfels import Surfels, extract_surfels
 from garbi_map.seabed.relief import Guess, find_shifts
 
 Floats = NDArray[np.float64]
@@ -67,14 +67,6 @@ def surfels_of(submap: Submap, pose: Pose, number: int, settings: PlaceSettings)
         settings.surfel_size,
         settings.surfel_points,
     )
-
-
-def joined(parts: list[Surfels]) -> Surfels:
-    """All surfels of a list that is not empty."""
-    out = parts[0]
-    for part in parts[1:]:
-        out = join(out, part)
-    return out
 
 
 def place(known: Surfels, surfels: Surfels, settings: PlaceSettings) -> Placement | str:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from garbi_map.aside import written_aside
+from garbi_map.aside import make_folder, written_aside
 from garbi_map.errors import GarbiError
 from garbi_map.seabed import JudgedPoints, Points, SweptPoints
 
@@ -254,10 +254,7 @@ def write_parquet(path: Path, table: Any) -> None:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise GarbiError(f"{path.parent}: cannot be made: {error.strerror}") from error
+    make_folder(path.parent)
     with written_aside(path) as aside:
         try:
             pq.write_table(

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from garbi_map.export.geopackage import LineString, write_lines
+from garbi_map.export.geopackage import Feature, Layer, LineString, write_layer
 from garbi_map.export.georeference import Georeference
 from garbi_map.export.hillshade import fitted, metres, smoothed
 from garbi_map.export.palette import height_range
@@ -38,11 +38,14 @@ def write_contours(path: Path, seabed: Seabed, settings: ExportSettings, referen
     own = reference or Georeference()
     interval = settings.contour_interval or contour_interval(seabed)
     lines = [
-        LineString(own.placed(line), (level + own.shift[2], -(level + own.shift[2]), int(number % _INDEX == 0)))
+        Feature(
+            LineString(own.placed(line)), (level + own.shift[2], -(level + own.shift[2]), int(number % _INDEX == 0))
+        )
         for number, level, line in contours(seabed, interval, settings.widest_hole)
     ]
     attributes = {"elevation": "REAL", "depth": "REAL", "is_index": "BOOLEAN"}
-    write_lines(path, "contours", f"contours every {metres(interval)}, elevation in m", attributes, lines, own.wkt)
+    layer = Layer("contours", f"contours every {metres(interval)}, elevation in m", LineString, attributes)
+    write_layer(path, layer, lines, own.wkt)
 
 
 def contour_interval(seabed: Seabed) -> float:

@@ -35,7 +35,7 @@ class Georeference:
     @property
     def is_local(self) -> bool:
         """Whether nobody knows where on Earth the map is."""
-        return self.wkt == LOCAL_WKT
+        return self.wkt.startswith("LOCAL_CS")
 
     def placed(self, points: Floats) -> Floats:
         """Coordinates (n, 3) of points (n, 3) in `map`."""

@@ -6,6 +6,7 @@ from garbi_map.seabed.holes import fill_holes
 from garbi_map.seabed.mesh import triangulate
 from garbi_map.seabed.settings import OutlierSettings, SeabedSettings, SolidSettings
 from garbi_map.seabed.solid import SolidSurface
+from garbi_map.seabed.stretches import judge_in_stretches
 from garbi_map.seabed.surface import CELL_BYTES, SurfaceGrid
 from garbi_map.seabed.types import AcceptedPoints, JudgedPoints, Mesh, Points, Seabed, Verdict
 
@@ -28,5 +29,6 @@ __all__ = [
     "build_seabed",
     "fill_holes",
     "fuse",
+    "judge_in_stretches",
     "triangulate",
 ]

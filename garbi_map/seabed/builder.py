@@ -39,6 +39,11 @@ class SeabedBuilder:
         self._evidence = Evidence(settings.outliers)
         self._base_in_rig = -Rotation.from_quat(mount.quaternion).inv().apply(mount.translation)
 
+    @property
+    def is_full(self) -> bool:
+        """Whether what was observed takes as much memory as it may."""
+        return self._evidence.is_full
+
     def observe(self, sweep: Sweep, poses: Trajectory) -> None:
         """See where the points of a sweep are, without taking them in."""
         placed = _place(sweep, poses)

@@ -31,6 +31,11 @@ class Evidence:
         self._blocks: NDArray[np.int64] | None = None
         self._surrounding: NDArray[np.void] | None = None
 
+    @property
+    def is_full(self) -> bool:
+        """Whether there are as many voxels as there may be; more can still be observed."""
+        return self._used >= self._settings.max_voxels
+
     def observe(
         self, placed: NDArray[np.float64], sigma: NDArray[np.float32], profile: NDArray[np.int32], profiles: int
     ) -> None:

@@ -16,11 +16,19 @@ OFF_SURFACE = int(Verdict.OFF_SURFACE)
 
 
 @njit(cache=True, nogil=True)
+def mixed(key):
+    """A number, not negative, every low bit of which depends on all bits of a key."""
+    # a product's low bits know nothing of a factor's high ones, where the key has x: fold these down first
+    number = np.uint64(key)
+    number = (number ^ (number >> np.uint64(32))) * np.uint64(0x9E3779B97F4A7C15)
+    return np.int64((number ^ (number >> np.uint64(29))) >> np.uint64(1))
+
+
+@njit(cache=True, nogil=True)
 def slot_of(voxels, key):
     """Slot of a key in an open-addressed table, of a power of two slots: its own, or the free one to put it in."""
     mask = len(voxels) - 1
-    mixed = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
-    slot = int(mixed >> np.uint64(24)) & mask
+    slot = mixed(key) & mask
     while voxels[slot].key != key and voxels[slot].key != -1:
         slot = (slot + 1) & mask
     return slot

@@ -4,7 +4,7 @@
 import numpy as np
 from numba import njit
 
-from garbi_map.seabed.evidence_kernels import ACCEPTED, key_of, slot_of
+from garbi_map.seabed.evidence_kernels import ACCEPTED, key_of, mixed, slot_of
 
 BLOCK = 8  # voxels along a side of a block
 
@@ -13,8 +13,7 @@ BLOCK = 8  # voxels along a side of a block
 def _find(blocks, key):
     """Slot of a block's key in an open-addressed table: its own, or a free one (-1)."""
     mask = len(blocks) - 1
-    mixed = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
-    slot = int(mixed >> np.uint64(24)) & mask
+    slot = mixed(key) & mask
     while blocks[slot] != key and blocks[slot] != -1:
         slot = (slot + 1) & mask
     return slot

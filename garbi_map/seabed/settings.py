@@ -47,6 +47,11 @@ class OutlierSettings(Settings):
         default=4.0, gt=0.0, description="sigmas that a point without support of its own may lie off the surface"
     )
     max_sigma: float = Field(default=0.05, gt=0.0, description="m; a point less certain than this is left out")
+    max_voxels: int = Field(
+        default=3_000_000,
+        ge=10_000,
+        description="that are in memory at a time, 0.3 kB each; a dive that has hit so many is judged in stretches",
+    )
 
 
 class SolidSettings(Settings):

@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from garbi_map.aside import write_text
+from garbi_map.aside import make_folder, write_text
+from garbi_map.errors import GarbiError
 from garbi_map.sweep.types import Sweep
 
 _ARRAYS = ("stamp_ns", "alpha", "points", "sigma", "intensity", "profile", "row")
@@ -55,7 +56,7 @@ class SweepStore:
 
     def linked(self, folder: Path) -> SweepStore:
         """The same sweeps in a new folder, to be changed there; what does not change takes no room."""
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
         store = SweepStore(folder)
         store.entries, store.latency = list(self.entries), self.latency
         for entry in self.entries:
@@ -68,15 +69,18 @@ class SweepStore:
         return store
 
     def add(self, sweep: Sweep) -> None:
-        """Writes a sweep; points as float32, which resolves a micrometre at ten metres."""
-        self.folder.mkdir(parents=True, exist_ok=True)
+        """Writes a sweep; points as float32, which resolves a micrometre at ten metres. Raises GarbiError."""
+        make_folder(self.folder)
         self.entries.append(self._write(len(self.entries), sweep))
 
     def _write(self, index: int, sweep: Sweep) -> StoredSweep:
         arrays = {name: getattr(sweep, name) for name in _ARRAYS}
         arrays["points"] = sweep.points.astype(np.float32)
-        self._file(index).unlink(missing_ok=True)  # it may be shared with the folder this one was linked from
-        np.savez(self._file(index), **arrays)
+        try:
+            self._file(index).unlink(missing_ok=True)  # it may be shared with the folder this one was linked from
+            np.savez(self._file(index), **arrays)
+        except OSError as error:
+            raise GarbiError(f"{self._file(index)}: cannot be written: {error.strerror or error}") from error
         stamps = sweep.stamp_ns
         blank = len(stamps) - len(np.unique(sweep.profile))
         return StoredSweep(index, int(stamps[0]), int(stamps[-1]), len(stamps), blank, len(sweep.points))
@@ -84,7 +88,7 @@ class SweepStore:
     def finish(self, losses: list[str]) -> None:
         """Writes the catalogue, with what was left out on the way; from now on the store can be opened again."""
         self.losses = losses
-        self.folder.mkdir(parents=True, exist_ok=True)
+        make_folder(self.folder)
         entries = [asdict(entry) for entry in self.entries]
         catalogue = {"sweeps": entries, "losses": losses, "latency": self.latency}
         write_text(self.folder / _CATALOGUE, json.dumps(catalogue))

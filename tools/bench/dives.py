@@ -18,6 +18,7 @@ from garbi_map.navigate import NavigateSettings, Trajectory
 from garbi_map.pipeline import open_dive, sweeps_of
 from garbi_map.progress import Silent
 from garbi_map.register import Scanner
+from garbi_map.rig import Rig
 from garbi_map.sweep import laser_angle, make_sweeps
 from garbi_map.sweep.store import SweepStore
 from tools.simulator.dive import Dive
@@ -54,6 +55,15 @@ class BenchDive:
         store = SweepStore.open(Path(shutil.copytree(self.store.folder, folder)))
         assert store is not None
         return store
+
+    def seen_by(self, rig: Rig, folder: Path) -> tuple[SweepStore, Scanner]:
+        """The same stripes as another rig triangulates them, in a folder of their own, and that scanner."""
+        store = SweepStore(folder)
+        for sweep in self.store:
+            u, v = self.scanner.rig.project(sweep.points).T
+            store.add(replace(sweep, points=rig.triangulate(u, v, sweep.alpha[sweep.profile]).points))
+        store.finish([])
+        return store, replace(self.scanner, rig=rig)
 
     def without(self, removed: str, settings: NavigateSettings) -> tuple[Navigation, NavigateSettings]:
         """The measurements that are left, and settings that do not use the attitude where that is removed."""

@@ -20,14 +20,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from garbi_map.calibrate.map_uncertainty import MapSamples, MapUncertainty, rig_errors
+from garbi_map.calibrate.map_uncertainty import MapSamples, MapUncertainty, View, rig_errors
 from garbi_map.config import Config
 from garbi_map.navigate import Trajectory, navigate
 from garbi_map.register import Registered, register
 from garbi_map.rig import Rig, load_rig
 from garbi_map.seabed import JudgedPoints, Seabed, build_seabed
 from garbi_map.sweep import Sweep
-from garbi_map.sweep.store import SweepStore
 from tools.bench.dives import BenchDive, recorded, shared_dives
 from tools.bench.uncertainty import GAUSSIAN_95, cell_errors
 
@@ -133,13 +132,8 @@ def bench(dive: BenchDive, like: Rig | None, times: float, draws: int) -> Result
 def make(dive: BenchDive, rig: Rig) -> Made:
     """The map of a dive's stripes as another rig triangulates them."""
     config, mount = Config(), dive.navigation.mount("rig")
-    scanner = replace(dive.scanner, rig=rig)
     with tempfile.TemporaryDirectory() as scratch:
-        store = SweepStore(Path(scratch) / "sweeps")
-        for sweep in dive.store:
-            u, v = dive.scanner.rig.project(sweep.points).T
-            store.add(replace(sweep, points=rig.triangulate(u, v, sweep.alpha[sweep.profile]).points))
-        store.finish([])
+        store, scanner = dive.seen_by(rig, Path(scratch) / "sweeps")
         navigated = navigate(dive.navigation, config.navigate, store.stamps())
         registered = register(store, dive.navigation, navigated, config.registration, config.navigate, scanner=scanner)
         judged: list[JudgedPoints] = []
@@ -155,9 +149,9 @@ def make(dive: BenchDive, rig: Rig) -> Made:
         seabed, _ = build_seabed(posed, config.seabed, mount, take, rig.eyes)
     samples = MapSamples(seabed)
     for points in judged:
-        samples.add(points)
+        samples.add(points, View(rig, mount))
     cloud = np.concatenate([points.points[::7] for points in judged])
-    return Made(seabed, cloud, registered, samples.uncertainty(registered.trajectory.at, mount, rig))
+    return Made(seabed, cloud, registered, samples.uncertainty(registered.trajectory.at))
 
 
 def differences(one: Seabed, other: Seabed) -> tuple[Floats, Floats]:
