@@ -36,7 +36,7 @@ def band(text: str) -> tuple[float, float, float]:
     return float(line.split()[1].rstrip(",")), float(low), float(high)
 
 
-def test_the_band_holds_honest_sigmas_and_no_others():
+def test_the_band_holds_honest_sigmas_and_no_others() -> None:
     """What the prior alone tells does not count; twice or half the sigma falls out of the band."""
     nees, low, high = band(markdown(dives(1.0)))
     assert low < nees < high
@@ -45,13 +45,13 @@ def test_the_band_holds_honest_sigmas_and_no_others():
         assert not low < nees < high
 
 
-def test_rows_of_one_dive_count_once():
+def test_rows_of_one_dive_count_once() -> None:
     """Each dive with seven rig files shares its noise: the band is that of the dives."""
     once, often = dives(1.0), dives(1.0) * 7
     assert band(markdown(once)) == band(markdown(often))
 
 
-def test_delta_is_judged_where_it_is_observed():
+def test_delta_is_judged_where_it_is_observed() -> None:
     """By the dives whose sigma is below a hundredth of a degree, in a line of its own."""
     vague, sharp = np.array([4e-4, 2e-3, 6e-5]), np.array([1e-4, 2e-3, 6e-5])
     error = np.array([1e-4, 0.0, 0.0])
@@ -65,7 +65,7 @@ def test_delta_is_judged_where_it_is_observed():
     assert any("sigma below 0.01 | 0 of 1" in line for line in none)
 
 
-def test_a_flat_bottom_has_a_table_of_its_own():
+def test_a_flat_bottom_has_a_table_of_its_own() -> None:
     """With what the command says of it, and no part in the others."""
     text = markdown([*dives(1.0), row("flat_1", np.ones(3), np.full(3, 1e-3))])
     assert "| flat_1 | right | 0.200 | 0.200 | 0.200 | why |" in text
