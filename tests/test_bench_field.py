@@ -58,11 +58,11 @@ def test_delta_is_judged_where_it_is_observed() -> None:
     rows = [row("vague", 4.0 * error, vague), row("sharp", error, sharp)]
     lines = markdown(rows).splitlines()
     every = next(line for line in lines if line.startswith("| laser.delta"))
-    sure = next(line for line in lines if "sigma below 0.01" in line)
+    sure = next(line for line in lines if "sigma is below 0.01" in line)
     assert "| 2 of 2 |" in every and "| 1 of 2 |" in sure
     assert f"{np.rad2deg(1e-4):.4f}" in sure
     none = markdown([replace(rows[0], names=NAMES)]).splitlines()
-    assert any("sigma below 0.01 | 0 of 1" in line for line in none)
+    assert any("sigma is below 0.01 | 0 of 1" in line for line in none)
 
 
 def test_a_flat_bottom_has_a_table_of_its_own() -> None:

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from tools.bench.field import Row
 
 _DELTA = "laser.delta"
-_OBSERVED = np.deg2rad(0.01)
-"""1 sigma, rad, below which a dive is said to observe delta."""
+_OBSERVED = 0.01
+"""1 sigma, degrees, below which a dive is said to observe delta."""
 HEAD = """# The rig checked on ordinary dives
 
 Median distance of the map to the true surface after one rigid alignment, mm, registered as `garbi map` does with the rig
@@ -67,8 +67,8 @@ def _parameters(rows: Sequence[Row]) -> list[str]:
         factor, unit = (1e3, "ms") if name == LATENCY else (factor, unit)
         told = [(row.error[k], row.sigma[k]) for row in rows for k in _place(row, name) if row.seen[k]]
         lines.append(_line(f"{name}, {unit}", factor * np.array(told).reshape(-1, 2), len(rows)))
-    sure = [(row.error[k], row.sigma[k]) for row in rows for k in _place(row, _DELTA) if row.sigma[k] < _OBSERVED]
-    lines.append(_line("of it, sigma below 0.01", np.rad2deg(1.0) * np.array(sure).reshape(-1, 2), len(rows)))
+    delta = np.rad2deg([(row.error[k], row.sigma[k]) for row in rows for k in _place(row, _DELTA)]).reshape(-1, 2)
+    lines.append(_line(f"laser.delta where its sigma is below {_OBSERVED}", delta[delta[:, 1] < _OBSERVED], len(rows)))
     ratio = [1.0 + row.field_cpu_s / row.map_cpu_s for row in rows]
     return [
         *lines,
