@@ -7,10 +7,12 @@ import numpy as np
 from behaviours.escape import Escape
 from behaviours.settings import AvoidanceSettings, Vehicle
 from behaviours.situation import Situation
-from behaviours.types import Command, Proposal
+from behaviours.types import AXES, Command, Proposal
 from garbi_map.log.records import Floats
 
-ABEAM = 0.8  # of a normal: neither surge nor heave leads away
+ABEAM = 0.6  # of a normal: neither surge nor heave leads away
+UPRIGHT = 0.3  # of a normal's part along the hull: surge does not lead away
+Found = tuple[float, Floats, str]  # activation, normal, why in words
 
 
 class Avoidance:
@@ -30,19 +32,24 @@ class Avoidance:
         escape = self._escape.propose(situation)
         if escape is not None:
             return Proposal(self.name, 1.0, *escape, priority=self.settings.priority)
-        best = (0.0, Command(), "nothing near")
-        for activation, normal, reason in self._still(situation):
-            if activation > best[0]:
-                best = (activation, self._away(normal, situation), reason)
-        return Proposal(self.name, *best, priority=self.settings.priority)
+        for found, axes in zip(self._still(situation), (AXES, ("heave",)), strict=True):
+            if found:
+                activation, normal, reason = max(found, key=lambda one: one[0])
+                away = self._away(normal, situation)
+                return Proposal(self.name, activation, away, reason, priority=self.settings.priority, axes=axes)
+        return Proposal(self.name, 0.0, Command(), "nothing near", priority=self.settings.priority)
 
-    def _still(self, situation: Situation) -> list[tuple[float, Floats, str]]:
+    def _still(self, situation: Situation) -> tuple[list[Found], list[Found]]:
+        """What lies in the way of surge; and what lies above or below, which only heave has to leave: to stop under or over
+        it is not to leave it, and to let the water press the vehicle on to what else is near."""
         settings, nearby, corridor = self.settings, situation.nearby, situation.corridor
-        found = []
+        level: list[Found] = []
+        upright: list[Found] = []
         if corridor.end == "obstacle":
             activation = (settings.notice - corridor.length) / (settings.notice - settings.full)
             words = f"an obstacle {corridor.length:.2f} m ahead"
-            found.append((float(np.clip(activation, 0.0, 1.0)), np.array([1.0, 0.0, 0.0]), words))
+            if activation > 0.0:
+                level.append((min(activation, 1.0), np.array([1.0, 0.0, 0.0]), words))
         for distance, normal, unknown in zip(nearby.distance, nearby.normal, nearby.unknown, strict=True):
             # What the way does not lead into matters only once it is close: the vehicle passes by. And what lies abeam a
             # vehicle without sway cannot back off from: to stop beside it is to let the water press it on; travel goes on.
@@ -50,8 +57,9 @@ class Avoidance:
                 continue
             activation = float(np.clip(2.0 - 2.0 * distance / settings.beside, 0.0, 1.0))
             if activation > 0.0 and not unknown:
-                found.append((activation, normal, f"an obstacle beside the hull at {max(distance, 0.0):.2f} m"))
-        return found
+                words = f"an obstacle beside the hull at {max(distance, 0.0):.2f} m"
+                (upright if abs(normal[0]) < UPRIGHT else level).append((activation, normal, words))
+        return level, upright
 
     def _away(self, normal: Floats, situation: Situation) -> Command:
         """Back off along the normal as far as surge and heave can, and turn the bow to the clearer side."""

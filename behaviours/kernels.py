@@ -18,6 +18,7 @@ from garbi_map.log.records import Floats
 
 NEVER = -(2**30)
 UNKNOWN, FREE, OCCUPIED = 0, 1, 2
+BRUSHED = 0.2  # of a voxel, that an unseen one's middle has to be beyond the hull's faces for it to be passed by
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -238,6 +239,14 @@ def free_box(
                         since_ms[a, b, c] = now
 
 
+@njit(cache=True, nogil=True, inline="always")
+def _part(component):  # type: ignore[no-untyped-def]
+    """A normal's component in halves, -2..2, nought only where it is none."""
+    if abs(component) < 1e-9:
+        return 0
+    return (1 if component > 0.0 else -1) * max(round(2 * abs(component)), 1)
+
+
 @njit(cache=True, nogil=True)
 def nearest(
     position: Floats,
@@ -269,15 +278,17 @@ def nearest(
                 if kind == FREE:
                     continue
                 px, py, pz = _in_base(i, j, k, voxel, position, rotation)
-                qx = min(max(px, -half[0]), half[0])
-                qy = min(max(py, -half[1]), half[1])
-                qz = min(max(pz, -half[2]), half[2])
+                more = BRUSHED * voxel if kind == UNKNOWN else 0.0
+                hx, hy, hz = half[0] + more, half[1] + more, half[2] + more
+                qx = min(max(px, -hx), hx)
+                qy = min(max(py, -hy), hy)
+                qz = min(max(pz, -hz), hz)
                 nx, ny, nz = px - qx, py - qy, pz - qz
                 d = math.sqrt(nx * nx + ny * ny + nz * nz)
                 if d > horizon + voxel:
                     continue
                 if d < 1e-6:  # inside the hull: out of the nearest face
-                    gx, gy, gz = half[0] - abs(px), half[1] - abs(py), half[2] - abs(pz)
+                    gx, gy, gz = hx - abs(px), hy - abs(py), hz - abs(pz)
                     nx = ny = nz = 0.0
                     if gx <= gy and gx <= gz:
                         nx = 1.0 if px > 0 else -1.0
@@ -289,7 +300,10 @@ def nearest(
                     nx, ny, nz = nx / d, ny / d, nz / d
                 gap = d - 0.5 * voxel
                 which = 0 if kind == OCCUPIED else 1
-                bin_ = (round(2 * nx) + 2) * 25 + (round(2 * ny) + 2) * 5 + round(2 * nz) + 2
+                if kind == UNKNOWN:  # what lies wholly before a face, and what the hull passes by, are two things
+                    bin_ = (_part(nx) + 2) * 25 + (_part(ny) + 2) * 5 + _part(nz) + 2
+                else:
+                    bin_ = (round(2 * nx) + 2) * 25 + (round(2 * ny) + 2) * 5 + round(2 * nz) + 2
                 if gap < best[which, bin_]:
                     best[which, bin_] = gap
                     normals[which, bin_, 0], normals[which, bin_, 1], normals[which, bin_, 2] = nx, ny, nz

@@ -13,6 +13,9 @@ from garbi_map.log.records import Floats
 
 INF = 1e6
 GLANCE = 4  # steps between those at which the view is judged
+STILL = 0.02  # m/s, a current that carries the vehicle nowhere
+# steps of turning into the current, at most; rad/s; rad from it, that end it
+TURNING, TURN_RATE, TURNED = 14, 0.25, 0.3
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -70,6 +73,26 @@ def _share_in_view(look, x, y, cos, sin, view):  # type: ignore[no-untyped-def]
         if view[2] < forward < view[3] and abs(across) < wide * forward:
             shown += 1
     return shown / len(look)
+
+
+@njit(cache=True, nogil=True)
+def _turning_in(x, y, heading, surge, sway, rate, current, step, model, chart, voxel, low, circles, radius, margin):  # type: ignore[no-untyped-def]
+    """m s by which the hull comes nearer than a margin m to the occupied while it turns its nearer end into the current, at
+    TURN_RATE, from where a manoeuvre leaves it: water carries what lies broadside to it, see behaviours.leeway."""
+    if current[0] ** 2 + current[1] ** 2 < STILL**2:
+        return 0.0
+    up, hit = math.atan2(-current[1], -current[0]), 0.0
+    for _ in range(TURNING):
+        off = (up - heading + 0.5 * math.pi) % math.pi - 0.5 * math.pi
+        if abs(off) < TURNED:
+            break
+        wanted = TURN_RATE if off > 0.0 else -TURN_RATE
+        x, y, heading, surge, sway, rate = moved_on(x, y, heading, surge, sway, rate, 0.0, wanted, current, step, model)
+        cos, sin, near = math.cos(heading), math.sin(heading), INF
+        for k in range(len(circles)):
+            near = min(near, _at(chart, voxel, low, x + cos * circles[k], y + sin * circles[k], 9.0))
+        hit += step * max(margin - (near - radius - 0.5 * voxel), 0.0)
+    return hit
 
 
 @njit(cache=True, nogil=True)
@@ -157,6 +180,10 @@ def rehearse(
             mean += left / count
             if n % GLANCE == GLANCE - 1:
                 seen += _share_in_view(look, x + cos * view[0], y + sin * view[0], cos, sin, view)
+        hit += _turning_in(
+            x, y, heading, surge, sway, rate, current, step, model, occupied[layer], voxel, low, circles, radius,
+            margins[0],
+        )  # fmt: skip
         seen /= glances
         parts[m, 0], parts[m, 1], parts[m, 2], parts[m, 3] = least, hit, blind, seen
         price[m] = (

@@ -13,8 +13,9 @@ from behaviours.coordinator import coordinate
 from behaviours.decisions import Decision
 from behaviours.drift import Drift
 from behaviours.feed import Seen
+from behaviours.leeway import Leeway
 from behaviours.moving import Mover, Movers
-from behaviours.safety import SafetyFilter
+from behaviours.safety import Filtered, SafetyFilter
 from behaviours.settings import BehaviourSettings
 from behaviours.situation import Situation
 from behaviours.space import Space
@@ -52,6 +53,7 @@ class Pilot:
         self.drift = Drift(settings.vehicle.skid, settings.vehicle.sway_time)
         self.sees_ahead = sees_ahead(rig, self.space, np.array(settings.vehicle.hull) / 2)
         self.safety = SafetyFilter(settings.vehicle, settings.safety, self.sees_ahead, settings.prior)
+        self.leeway = Leeway(settings.leeway, settings.vehicle)
         self.behaviours: list[Behaviour] = []
         if settings.avoidance:
             self.behaviours.append(Avoidance(settings.avoidance, settings.vehicle))
@@ -82,9 +84,8 @@ class Pilot:
         situation = self._situation(seen, seen.pose)
         proposals = [behaviour.propose(situation) for behaviour in self.behaviours]
         merged = coordinate(proposals, seen.now_ns)
-        safe = self.safety.filter(
-            merged.command, seen.pose, situation.nearby, situation.corridor, situation.movers, situation.troubles
-        )
+        faces = any(one.faces for one in proposals if one.name == merged.winner)
+        safe = self._safe(merged.command, faces, situation)
         corridor = situation.corridor
         view = f"free {corridor.length:.1f} m ahead, then {corridor.end}; seen {min(corridor.age, 999.0):.1f} s ago"
         view += "".join(_words(mover, seen.pose) for mover in situation.movers)
@@ -105,6 +106,19 @@ class Pilot:
             safe.allowed,
             self._snapshot(seen.now_ns),
         )
+
+    def _safe(self, wanted: Command, faces: bool, situation: Situation) -> Filtered:
+        """What safety makes of a command; and where the water would carry the hull against something, the way out.
+
+        faces: see Proposal."""
+        pose, movers, troubles = situation.pose, situation.movers, situation.troubles
+        safe = self.safety.filter(wanted, pose, situation.nearby, situation.corridor, movers, troubles)
+        fastest, _ = self.safety.speed_limit(situation.corridor, troubles)
+        way_out = self.leeway.check(safe.command, pose, self.space, situation.current, fastest, not faces)
+        if way_out is None:
+            return safe
+        command, why = way_out
+        return self.safety.rehearsed(command, why, pose, situation.corridor, movers, troubles)
 
     def _snapshot(self, now_ns: int) -> tuple[Floats, Floats] | None:
         """The volume, once a second."""

@@ -35,17 +35,28 @@ LOOK_AHEAD, LOOK_MOST = 2.5, 60  # m of the way, columns
 LOOKED_MOST = 20_000  # columns that are remembered
 PATIENCE = 5.0  # s in view, after which a column that is still unseen is hidden by something
 DISCS = np.array([-1.0, 0.0, 1.0])
+BLIND = 0.02  # m s of the hull's outline in the unseen
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What to do for now: surge m/s, yaw rad/s, height m in odom; path (n, 3) m, odom, to the goal; why, in words."""
+    """What to do for now: surge m/s, yaw rad/s, height m in odom; path (n, 3) m, odom, to the goal; why, in words; and
+    whether even so some of the hull gets into unseen water."""
 
     surge: float
     yaw: float
     height: float
     path: Floats
     words: str
+    blind: bool = False
+
+    @property
+    def heading(self) -> float:
+        """rad, in which the way leads a metre on."""
+        away = self.path[:, :2] - self.path[0, :2]
+        far = np.flatnonzero(np.hypot(*away.T) > 1.0)
+        x, y = away[far[0] if len(far) else -1]
+        return float(np.arctan2(y, x))
 
 
 class Planner:
@@ -94,9 +105,9 @@ class Planner:
             words += f", {100 * seen:.0f} % of what is unseen on the way in view"
         if near > 0.02:
             words += ", too near to something"
-        if blind > 0.02:
+        if blind > BLIND:
             words += ", carried into the unseen"
-        return Plan(float(surge), float(yaw), float(rise), path, words)
+        return Plan(float(surge), float(yaw), float(rise), path, words, bool(blind > BLIND))
 
     def _way(self, charts: Charts, pose: Pose, goal: Floats) -> tuple[Floats, Floats | None]:
         """m of way left from every second column (layers, nx / 2, ny / 2); and the path."""
@@ -129,6 +140,7 @@ class Planner:
             begin[:, edge] = OUTSIDE * rest[edge] + 2 * CLIMB_PRICE * off[:, None]
         else:
             begin[target[0], target[1], target[2]] = 0.0
+            begin[target[0]][self._there(charts, a, b, goal) & np.isfinite(cost[target[0]])] = 0.0
         reached, parent = cheapest(cost.astype(np.float32), begin, CLIMB_PRICE)
         left = np.where(np.isfinite(reached), reached * 2 * charts.voxel, 1e7)
         if not np.isfinite(reached[own[0], own[1], own[2]]):
@@ -145,6 +157,11 @@ class Planner:
         east, north = np.broadcast_arrays(charts.low[0] + 2 * i + 0.5, charts.low[1] + 2 * j + 0.5)
         return np.stack([east, north]) * charts.voxel
 
+    def _there(self, charts: Charts, i: NDArray[np.int64], j: NDArray[np.int64], goal: Floats) -> NDArray[np.bool_]:
+        """Which cells of two columns are as good as the goal."""
+        away = self._middles(charts, i, j) - goal[:2, None, None]
+        return np.asarray(np.hypot(*away) < self._settings.arrived - charts.voxel)
+
     def _guide(self, charts: Charts, pose: Pose, goal: Floats, height: float, left: Floats) -> tuple[Floats, Floats]:
         """m of way left (nx, ny, headings) about the vehicle, its turning included; and the corner (2,) m, odom."""
         n, i, j = charts.column(np.array([*pose.position[:2], height]))
@@ -159,6 +176,9 @@ class Planner:
         own = np.array([i, j]) // 2 - first
         if (own > 0).all() and (own < 2 * AROUND - 1).all():
             begin[own[0], own[1]] = rest[own[0], own[1]]
+            a, b = np.ogrid[cells]
+            there = self._there(charts, a, b, goal)
+            begin[there] = rest[there]
         settings = self._settings
         guide = manoeuvring(
             begin, 2 * charts.voxel, np.ascontiguousarray(charts.occupied[n][columns]),

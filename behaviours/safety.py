@@ -11,7 +11,7 @@ them is a QP in four variables; Hildreth's method solves its dual. Backing off i
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -61,15 +61,29 @@ class SafetyFilter:
         self, wanted: Command, pose: Pose, nearby: Nearby, corridor: Corridor, movers: list[Mover], troubles: list[str]
     ) -> Filtered:
         """The nearest command to `wanted` that every constraint allows."""
+        return self._nearest(
+            wanted, [*self._still(wanted, pose, nearby), *self._movers(wanted, pose, movers)], corridor, troubles
+        )
+
+    def rehearsed(
+        self, wanted: Command, why: str, pose: Pose, corridor: Corridor, movers: list[Mover], troubles: list[str]
+    ) -> Filtered:
+        """The same for a way out that was rehearsed against all that stands: a turn brings a corner nearer to it at first,
+        and it is the only one; so that only what moves and the view's age still bound it. why: in words."""
+        got = self._nearest(wanted, self._movers(wanted, pose, movers), corridor, troubles)
+        return replace(got, changes=[f"{_spoken(got.command)}: {why}", *got.changes])
+
+    def _movers(self, wanted: Command, pose: Pose, movers: list[Mover]) -> list[Constraint]:
+        return [one for mover in movers if (one := self._moving(wanted.array(), pose, mover)) is not None]
+
+    def _nearest(
+        self, wanted: Command, constraints: list[Constraint], corridor: Corridor, troubles: list[str]
+    ) -> Filtered:
         limits = np.array(self.vehicle.limits)
         low, high = -limits, limits.copy()
         low[0] = -self.vehicle.astern
         fastest, why_slow = self.speed_limit(corridor, troubles)
         high[0] = min(high[0], fastest)
-        constraints = [
-            *self._still(pose, nearby),
-            *(one for mover in movers if (one := self._moving(wanted.array(), pose, mover)) is not None),
-        ]
         rows = np.array([one.row for one in constraints]).reshape(-1, 4)
         start = np.clip(wanted.array(), low, high)
         strict = np.array([one.bound for one in constraints])
@@ -114,9 +128,9 @@ class SafetyFilter:
         stopping = np.sqrt((brake * delay) ** 2 + 2 * brake * margin) - brake * delay
         return float(min(self.settings.gain * margin, stopping))
 
-    def _still(self, pose: Pose, nearby: Nearby) -> list[Constraint]:
+    def _still(self, wanted: Command, pose: Pose, nearby: Nearby) -> list[Constraint]:
         settings = self.settings
-        found = []
+        found: list[Constraint] = []
         for distance, normal, point, unknown in zip(
             nearby.distance, nearby.normal, nearby.point, nearby.unknown, strict=True
         ):
@@ -125,16 +139,12 @@ class SafetyFilter:
             why = f"{what} {_where(normal, point)} at {max(float(distance), 0.0):.2f} m"
             if unknown:
                 slow = self.limit(float(distance) - settings.clearance_unknown)
-                # Neither ahead nor up or down into it. But turning sweeps the corners only, and where water carries the
-                # hull into the unseen, turning may help and standing still does not.
-                found.append(Constraint(np.array([normal[0], normal[2], 0.0, 0.0]), slow, slow, why))
-                bound = relaxed = max(slow - drift, settings.nudge)
-            else:
-                margin = float(distance) - settings.clearance
-                relaxed = self.limit(margin)
-                bound = relaxed if margin >= 0.0 else -min(settings.gain * -margin, settings.retreat)
-                bound -= drift
-            found.append(Constraint(row, bound, relaxed, why))
+                found += _unseen(wanted, normal, row, slow, max(slow - drift, settings.nudge), why)
+                continue
+            margin = float(distance) - settings.clearance
+            relaxed = self.limit(margin)
+            bound = relaxed if margin >= 0.0 else -min(settings.gain * -margin, settings.retreat)
+            found.append(Constraint(row, bound - drift, relaxed, why))
         return found
 
     def _moving(self, wanted: Floats, pose: Pose, mover: Mover) -> Constraint | None:
@@ -177,6 +187,24 @@ class SafetyFilter:
         return changes, braked
 
 
+def _unseen(wanted: Command, normal: Floats, row: Floats, slow: float, nudge: float, why: str) -> list[Constraint]:
+    """What keeps the hull out of an unseen voxel. Surge leads it into what lies wholly before the bow or the stern, heave
+    into what lies wholly above or below. What lies beyond a side, or over or under the way, it passes by: the unseen close
+    about a known way must shut it neither ahead nor back. Where surge and heave together lead into it, the slower of them
+    gives way. Turning sweeps the corners only, and where water carries the hull into the unseen, turning may help and
+    standing still does not: that much of it is let by."""
+    nx, ny, nz = normal
+    if nz != 0.0 and nx != 0.0 and ny == 0.0 and nx * wanted.surge > 0.0 and nz * wanted.heave > 0.0:
+        gives = [nx, 0.0, 0.0, 0.0] if abs(wanted.surge) < abs(wanted.heave) else [0.0, nz, 0.0, 0.0]
+        return [Constraint(np.array(gives), slow, slow, why)]
+    if nz == 0.0 and ny != 0.0:  # abeam
+        return [Constraint(row * [0.0, 0.0, 1.0, 1.0], nudge, nudge, why)]
+    if nz == 0.0 or (nx == 0.0 and ny == 0.0):
+        straight = np.array([nx, nz, 0.0, 0.0])
+        return [Constraint(straight, slow, slow, why), Constraint(row, nudge, nudge, why)]
+    return []
+
+
 def _row(normal: Floats, point: Floats) -> Floats:
     """d(n . velocity of the hull's point) / d(surge, heave, yaw, pitch)."""
     nx, ny, nz = normal
@@ -186,6 +214,10 @@ def _row(normal: Floats, point: Floats) -> Floats:
 
 def _age(seconds: float) -> str:
     return f"{seconds:.1f} s" if seconds < 1e5 else "unboundedly"
+
+
+def _spoken(command: Command) -> str:
+    return f"surge {command.surge:.2f} m/s, yaw {command.yaw:+.2f} rad/s"
 
 
 def _where(normal: Floats, point: Floats) -> str:

@@ -96,6 +96,15 @@ class SafetySettings(Settings):
         return self
 
 
+class LeewaySettings(Settings):
+    """Room to turn into the current in, before it carries the vehicle on to what stands."""
+
+    horizon: Positive = 16.0  # rehearsed, s
+    keep: NotNegative = 0.25  # kept between hull and what stands meanwhile, m
+    release: NotNegative = 0.2  # more than that, and an escape is over, m
+    above: NotNegative = 0.15  # kept above and below the hull, m
+
+
 class EscapeSettings(Settings):
     """Out of the way of what moves."""
 
@@ -179,6 +188,7 @@ class BehaviourSettings(Settings):
     space: SpaceSettings = SpaceSettings()
     prior: Prior | None = None
     safety: SafetySettings = SafetySettings()
+    leeway: LeewaySettings = LeewaySettings()
     avoidance: AvoidanceSettings | None = AvoidanceSettings()
     travel: TravelSettings | None = TravelSettings()
     hold: HoldSettings | None = None

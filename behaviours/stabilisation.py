@@ -117,7 +117,7 @@ class Stabilisation:
             if told
         }
         command = Command(surge, self._to_depth(pose, facts.get("above")), yaw, pitch)
-        return Proposal(self.name, 1.0, command, words, settings.priority, AXES, facts=facts)
+        return Proposal(self.name, 1.0, command, words, settings.priority, AXES, facts=facts, faces=True)
 
     def _towards(self, off: float, speed: float, acceleration: float, gain: float) -> float:
         """The command, m/s, that brings a distance to go to nought: reckoned for when the propellers will answer, and
@@ -140,6 +140,7 @@ class Stabilisation:
             self.settings.priority,
             AXES,
             facts={"target": 0.0},
+            faces=True,
         )
 
     def _to_depth(self, pose: Pose, above: float | None = None) -> float:

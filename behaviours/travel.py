@@ -54,7 +54,7 @@ class Travel:
         if self._too_high(situation, float(goal[2])):
             down = self._command(pose, 0.0, 0.0, float(goal[2]))
             return self._say(down, f"goal at {left:.1f} m; nothing returns at this height: down to the goal's")
-        back = self._retreat.propose(situation)
+        back = self._retreat.propose(situation, plan.heading, plan.blind)
         watched = self._watch(situation, plan.surge, plan.yaw)
         if back is not None and not watched[2]:  # what may come nearer is looked for first
             surge, yaw, why = back

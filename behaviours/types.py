@@ -107,6 +107,8 @@ class Proposal:
     activation  0..1: how much it matters now
     axes        the axes that it cares for; the others are left to whoever is asked next
     expires_ns  after that moment it is void
+    faces       it is about the heading: no more than what stands may turn the vehicle out of it, though water carries it
+                on to where nobody has looked
     """
 
     name: str
@@ -117,3 +119,4 @@ class Proposal:
     axes: tuple[str, ...] = AXES
     expires_ns: int = 2**62
     facts: dict[str, float] = field(default_factory=dict)
+    faces: bool = False

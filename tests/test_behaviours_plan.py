@@ -17,7 +17,7 @@ from behaviours.kernels_plan import HEADINGS, TURN, manoeuvring
 from behaviours.plan import Planner
 from behaviours.settings import AvoidanceSettings, TravelSettings, Vehicle
 from behaviours.situation import Situation
-from behaviours.space import Space
+from behaviours.space import Nearby, Space
 from behaviours.types import Pose
 from tests.behaviour_parts import pose, space
 
@@ -135,6 +135,33 @@ def test_what_the_water_presses_against_is_left_rather_than_stopped_at() -> None
     moment = Situation(at.stamp_ns, at, [], volume, volume.nearby(at, 1.3), corridor, [], [], np.array(current))
     asked = Avoidance(AvoidanceSettings(), Vehicle()).propose(moment)
     assert asked.activation < 0.5 or abs(asked.command.surge) > 0.05
+
+
+def test_any_place_as_near_as_arrived_is_the_goal() -> None:
+    """The way ends at its edge: what stands close behind the goal makes it no harder to reach."""
+    arrived = TravelSettings().arrived
+    free, behind = plan(known(), pose(0)), plan(known(wall=3.3), pose(0))
+    for got in (free, behind):
+        assert 0.1 < np.linalg.norm(got.path[-1] - GOAL) < arrived
+        assert got.surge == pytest.approx(TravelSettings().speed)
+    assert abs(free.heading) < 0.1 and not free.blind
+
+
+def test_what_stands_abeam_and_above_does_not_stop_it() -> None:
+    """The corner of a wall over which a current carries it: neither surge nor heave leads away, and standing still least."""
+    volume, at = known(), pose(0)
+    side = Nearby(np.array([0.1]), np.array([[0.0, 0.7, 0.7]]), np.array([[0.0, 0.45, 0.35]]), np.array([False]))
+    moment = Situation(at.stamp_ns, at, [], volume, side, volume.corridor(at, 3.0, np.zeros(2)), [], [])
+    assert Avoidance(AvoidanceSettings(), Vehicle()).propose(moment).activation == 0.0
+
+
+def test_from_what_lies_above_it_sinks_and_goes_on() -> None:
+    """Close under an overhang avoidance asks for heave alone; surge and yaw are left to travel."""
+    volume, at = known(), pose(0)
+    over = Nearby(np.array([0.1]), np.array([[0.0, 0.1, 0.99]]), np.array([[0.0, 0.45, 0.35]]), np.array([False]))
+    moment = Situation(at.stamp_ns, at, [], volume, over, volume.corridor(at, 3.0, np.zeros(2)), [], [])
+    asked = Avoidance(AvoidanceSettings(), Vehicle()).propose(moment)
+    assert asked.activation > 0.9 and asked.axes == ("heave",) and asked.command.heave < -0.05
 
 
 def test_a_plan_is_kept_to_where_two_are_as_good() -> None:

@@ -48,19 +48,23 @@ def test_a_current_abeam_shortens_what_is_known_astern() -> None:
 def test_carried_into_the_unseen_it_turns_its_stern_to_the_way_it_came_and_backs_off() -> None:
     """After some patience; the turn is to starboard, and there it goes astern until it has really backed off."""
     volume, retreat = carried_abeam(), Retreat(Vehicle())
-    got = [retreat.propose(situation(volume, pose(3.0 + 0.1 * n, (0.0, -3.0, 0.0)))) for n in range(80)]
+    got = [retreat.propose(situation(volume, pose(3.0 + 0.1 * n, (0.0, -3.0, 0.0))), 0.0, False) for n in range(80)]
     waited = 0.1 * got.index(next(one for one in got if one is not None))
     assert PATIENCE - 1.1 < waited < PATIENCE + 0.3
     surge, yaw, words = got[-1] or (0.0, 0.0, "")
     assert surge == 0.0 and yaw < -0.1 and "carried into unseen water" in words
-    surge, yaw, _ = retreat.propose(situation(volume, pose(11.0, (0.0, -3.0, 0.0), -np.pi / 2))) or (0.0, 0.0, "")
+    surge, yaw, _ = retreat.propose(situation(volume, pose(11.0, (0.0, -3.0, 0.0), -np.pi / 2)), 0.0, False) or (
+        0.0,
+        0.0,
+        "",
+    )
     assert surge < -0.05 and abs(yaw) < 0.1
     volume.layers[0][:] = volume.milliseconds(
         pose(12.0).stamp_ns
     )  # all is seen now, but a step back is made all the same
     near, far = (pose(12.0 + n, (0.0, -3.0 + n * (BACKED + 0.1), 0.0), -np.pi / 2) for n in range(2))
-    assert retreat.propose(situation(volume, near)) is not None
-    assert retreat.propose(situation(volume, far)) is None
+    assert retreat.propose(situation(volume, near), 0.0, False) is not None
+    assert retreat.propose(situation(volume, far), 0.0, False) is None
 
 
 def test_with_known_water_ahead_there_is_nothing_to_retreat_from() -> None:
@@ -68,7 +72,24 @@ def test_with_known_water_ahead_there_is_nothing_to_retreat_from() -> None:
     volume, retreat = space(), Retreat(Vehicle())
     volume.be_at(pose(0))
     volume.layers[0][:] = volume.milliseconds(pose(0).stamp_ns)
-    assert all(retreat.propose(situation(volume, pose(0.1 * n))) is None for n in range(100))
+    assert all(retreat.propose(situation(volume, pose(0.1 * n)), 0.0, False) is None for n in range(100))
+
+
+def test_where_every_way_on_leads_into_the_unseen_it_backs_off_with_the_bow_towards_it() -> None:
+    """A turn to port into water that it has not seen, again and again: after some patience it goes astern, its bow to port
+    as far as the known water lets it, and once it has backed off it goes on."""
+    volume, retreat = space(), Retreat(Vehicle())
+    volume.be_at(pose(0))
+    volume.layers[0][:] = volume.milliseconds(pose(0).stamp_ns)
+    got = [retreat.propose(situation(volume, pose(0.1 * n)), np.pi / 2, True) for n in range(150)]
+    waited = 0.1 * got.index(next(one for one in got if one is not None))
+    assert PATIENCE < waited < 2 * PATIENCE + 0.3
+    surge, yaw, _ = got[-1] or (0.0, 0.0, "")
+    assert surge == 0.0 and yaw > 0.1
+    turned = retreat.propose(situation(volume, pose(15.0, heading=np.pi / 3)), np.pi / 2, True) or (0.0, 0.0, "")
+    assert turned[0] < -0.05 and abs(turned[1]) < 0.1
+    far = pose(20.0, (-BACKED - 0.1, 0.0, 0.0), np.pi / 3)
+    assert retreat.propose(situation(volume, far), np.pi / 2, True) is None
 
 
 def shown(volume: Space, seconds: float, height: float, anything: bool) -> Pose:

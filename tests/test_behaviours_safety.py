@@ -14,8 +14,8 @@ from behaviours.moving import Mover
 from behaviours.safety import SafetyFilter
 from behaviours.settings import Prior, SafetySettings, Vehicle
 from behaviours.space import Corridor, Nearby
-from behaviours.types import Command
-from tests.behaviour_parts import START, obeyed, pose
+from behaviours.types import Command, Pose
+from tests.behaviour_parts import START, obeyed, pose, space
 
 OPEN = Corridor(3.0, 0.2, "nothing")
 NOTHING = Nearby(np.empty(0), np.empty((0, 3)), np.empty((0, 3)), np.empty(0, bool))
@@ -57,7 +57,9 @@ def test_without_the_unknown_rule_it_would_enter_the_unseen(monkeypatch: pytest.
     """Unseen space taken for free: the vehicle goes in."""
     still = SafetyFilter._still
     monkeypatch.setattr(
-        SafetyFilter, "_still", lambda self, at, nearby: still(self, at, NOTHING if nearby.unknown.any() else nearby)
+        SafetyFilter,
+        "_still",
+        lambda self, wanted, at, nearby: still(self, wanted, at, NOTHING if nearby.unknown.any() else nearby),
     )
     assert approach(safety(), unknown=True) < 0.0
 
@@ -88,14 +90,57 @@ def test_without_the_age_limit_it_would_go_on(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_unseen_space_at_the_hull_lets_it_turn_and_back_off() -> None:
-    """Unseen water at the bow's corner: no surge into it, but a slow turn, and astern as asked: never trapped."""
+    """Unseen water beside the bow's corner: past it, a slow turn, and astern as asked: never trapped."""
     corner = Nearby(np.array([0.0]), np.array([[0.7, 0.7, 0.0]]), np.array([[0.65, 0.45, 0.0]]), np.array([True]))
     ahead = safety().filter(Command(0.2), pose(0), corner, OPEN, [], []).command
     turning = safety().filter(Command(yaw=0.3), pose(0), corner, OPEN, [], []).command
     back = safety().filter(Command(-0.12, yaw=-0.2), pose(0), corner, OPEN, [], []).command
-    assert ahead.surge <= 1e-3
+    assert ahead.surge == pytest.approx(0.2) and ahead.yaw == 0.0
     assert 0.05 < turning.yaw <= 0.3
     assert back.surge == pytest.approx(-0.12) and back.yaw == pytest.approx(-0.2)
+
+
+def tunnel(ahead: float = 3.0, above: float = 0.4, height: float = -0.05) -> tuple[Pose, Nearby]:
+    """A vehicle in a known way that is 1.8 m wide, ends `ahead` m before base_link, and above that much over its middle;
+    its floor touches the unseen."""
+    volume, at = space(launch_clearance=0.0), pose(0, (0.0, 0.0, height))
+    volume.be_at(at)
+    known = [
+        np.arange(*np.round(np.array(ends) / volume.voxel).astype(int))
+        for ends in ((-3, ahead), (-0.9, 0.9), (-0.4, above))
+    ]
+    volume.layers[0][np.ix_(*(np.mod(one, size) for one, size in zip(known, volume.shape, strict=True)))] = 0
+    return at, volume.nearby(at, 1.3)
+
+
+def test_the_unseen_close_above_and_below_does_not_shut_a_known_way() -> None:
+    """Neither ahead nor astern; but up or down into it, or both ahead and up at once, it does not go."""
+    at, around = tunnel()
+    assert (around.unknown & (around.distance < 0.01)).any()
+    for surge in (0.2, -0.12):
+        got = safety().filter(Command(surge), at, around, OPEN, [], []).command
+        assert got.surge == pytest.approx(surge) and abs(got.heave) < 1e-3
+    down = safety().filter(Command(0.1, -0.1), at, around, OPEN, [], []).command
+    assert down.heave > -1e-3
+
+
+def test_a_known_way_ends_where_the_unseen_lies_before_the_bow() -> None:
+    """However near the unseen beside, above and below is: it hides nothing that lies ahead."""
+    for left in (0.0, 0.1, 0.3):
+        at, around = tunnel(ahead=0.65 + 0.05 + left)
+        got = safety().filter(Command(0.2), at, around, OPEN, [], []).command
+        assert got.surge <= safety().limit(left + 0.05) + 1e-3
+
+
+def test_it_rises_into_a_known_way_above_but_not_while_it_goes_under_the_unseen() -> None:
+    """Where surge and heave together would lead the bow's edge into the unseen, the slower of the two gives way."""
+    at, around = tunnel(above=0.8)
+    assert safety().filter(Command(0.0, 0.1), at, around, OPEN, [], []).command.heave == pytest.approx(0.1)
+    edge = Nearby(np.array([0.02]), np.array([[0.7, 0.0, 0.7]]), np.array([[0.65, 0.0, 0.35]]), np.array([True]))
+    got = safety().filter(Command(0.2, 0.1), at, edge, OPEN, [], []).command
+    assert got.surge == pytest.approx(0.2) and got.heave < 0.03
+    got = safety().filter(Command(0.05, 0.1), at, edge, OPEN, [], []).command
+    assert got.heave == pytest.approx(0.1) and got.surge < 0.03
 
 
 def test_unseen_space_is_an_obstacle() -> None:

@@ -53,6 +53,18 @@ MUTANTS = (
         "                if kind != OCCUPIED:\n                    continue\n                px", "space",
     ),
     Mutant(
+        "leeway: no escape is ever needed", "behaviours/leeway.py",
+        "        if room.max() >= (", "        if room.max() >= -9.0 * (", "leeway",
+    ),
+    Mutant(
+        "leeway: the water stands still in the rehearsal", "behaviours/leeway.py",
+        "        escapes = self._escapes(current, fastest)\n",
+        "        current = 0.0 * current\n        escapes = self._escapes(current, fastest)\n", "leeway",
+    ),
+    Mutant(
+        "leeway: the unseen is free", "behaviours/leeway.py", "enough - found[:, 1]", "enough + 0.0 * found[:, 1]", "leeway",
+    ),
+    Mutant(
         "re-arm rule: never armed", "behaviours/stabilisation.py",
         "            self.rearm(pose)", "            pass", "hold",
     ),
