@@ -61,6 +61,26 @@ def test_a_point_is_lit_by_the_sheet_of_its_moment(port):
     assert not scanner.lit(points, stamps, -z).any()
 
 
+class Encoder:
+    """Of few counts where the laser turns."""
+
+    turns_ns = np.empty(0, np.int64)
+
+    def at(self, stamp_ns):
+        sigma = np.where(np.arange(len(stamp_ns)) < 3, 5e-5, 1e-5)
+        return np.zeros(len(stamp_ns)), sigma
+
+
+def test_profiles_whose_angle_few_counts_tell_are_left_out():
+    """The first three of ten, in which the angle is five times as unsure as usual; the others stay as they are."""
+    scanner, views = looked_at(False)
+    sure = replace(scanner, angle=Encoder()).surely_lit(views)
+    assert set(sure.profile) == set(range(3, 10))
+    kept = views.profile >= 3
+    assert (sure.u == views.u[kept]).all() and (sure.v == views.v[kept]).all()
+    assert (sure.stamp_ns == views.stamp_ns).all()
+
+
 def test_noise_grows_with_the_range():
     """A sheet that is turned away from the camera lights what is farther, and a column there is worth more metres."""
     scanner, views = looked_at(False)

@@ -132,6 +132,7 @@ def begin_joint(dive: Registration, unknown: RigUnknowns, begin_ns: int, end_ns:
     views = load_views(dive.store, dive.rig, begin_ns, end_ns, drift.window_points)
     sensors = Sensors(right, *told, dive.navigate, int(views.stamp_ns[0]))
     scanner = UnknownScanner(unknown, dive.angle, dive.log.mount("rig"), dive.store.latency)
+    views = scanner.surely_lit(views)
     return Joint.begin(scanner, sensors, drift, views, dive.registered.trajectory, z, known.within(begin_ns, end_ns))
 
 

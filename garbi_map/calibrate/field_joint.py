@@ -35,7 +35,13 @@ _COARSE = 3
 a robust kernel that is narrow from the beginning keeps what suits that rig."""
 _FINE = 5
 """Of them, the last, with surfels of two sizes as in the last rounds of the drift estimate."""
-_SIZES = (1.0, 0.6)
+_SIZES = (0.7, 0.4)
+"""Of them, voxels smaller than those of the drift estimate: a rig bends what a surfel smooths."""
+_DOUBT = 1.5
+"""Times the spread of the last round's residuals, 1 sigma of a match: neighbouring matches share the noise of a profile's
+angle."""
+_BOUNDS = (0.4, 2.0)
+"""Times the drift estimate's sigma of a match, between which that stays."""
 _SPREAD = np.array([0.8191725, 0.6710436, 0.5497005])
 """Of a voxel, by which the next voxels lie elsewhere (Roberts' quasi-random sequence): which points share a voxel is noise
 that would otherwise follow the motion about, and hold it where it is."""
@@ -94,6 +100,7 @@ class Joint:
     factors: list[Factor]
     known: list[Flat] = field(default_factory=list)
     _corner: Floats = field(default_factory=lambda: np.zeros(3))
+    _sigmas: dict[float, float] = field(default_factory=dict)
 
     @classmethod
     def begin(
@@ -181,10 +188,14 @@ class Joint:
             corner = voxel * ((self._corner + _SPREAD) % 1.0)
             self._corner = self._corner + _SPREAD
             surfels = self._lit_at_once(scans.surfels(self.motion, voxel, settings.surfel_points, corner))
-            looks = len(sizes)
-            found = matched(self.motion, surfels, gate, np.inf, Belief(sigma, looks=looks), None, normals, changes)
-            if found is not None:
-                yield found
+            belief = Belief(self._sigmas.get(fraction, sigma), looks=len(sizes))
+            found = matched(self.motion, surfels, gate, np.inf, belief, None, normals, changes)
+            if found is None:
+                continue
+            if fine:
+                least, most = (bound * settings.match_sigma for bound in _BOUNDS)
+                self._sigmas[fraction] = float(np.clip(_DOUBT * 1.4826 * found.distance, least, most))
+            yield found
 
     def _lit_at_once(self, surfels: Surfels) -> Surfels:
         """Those but where the laser turns and lingers: what moves their mean is not what moves the point of their mean

@@ -20,6 +20,8 @@ _MOMENT_NS = 10_000_000
 """To either side, over which the laser's rate is taken."""
 _BESIDE = 1e-3
 """rad from the sheet at its mean time, beyond which a patch was not lit in one go."""
+_UNSURE = 2.0
+"""Times the usual sigma of the laser's angle beyond which a profile is left out."""
 _STEP = 0.05
 """Of a parameter's prior sigma, to either side, over which derivatives are taken."""
 
@@ -77,6 +79,15 @@ class UnknownScanner:
     angle: Angle
     mount: Mount
     latency: float = 0.0
+
+    def surely_lit(self, views: Views) -> Views:
+        """The views but for those where the laser slows down and turns.
+
+        Few counts of the encoder tell of its angle there, and in the same places of every sweep: what they are off looks
+        like a latency and a wrong delta.
+        """
+        sigma = self.angle.at(views.stamp_ns)[1]
+        return views.part(np.flatnonzero((sigma <= _UNSURE * np.nanmedian(sigma))[views.profile]))
 
     def points(self, views: Views, z: Floats) -> Floats:
         """The points (n, 3) m in base_link that the corrected rig makes of the views; NaN where it makes none."""
