@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from behaviours import kernels, kernels_charts
+from behaviours.kernels_charts import FAR
 from behaviours.moving import Mover
 from behaviours.settings import TravelSettings
 from behaviours.space import Space
@@ -17,7 +18,6 @@ from garbi_map.log.records import Floats
 LAYER = 0.3  # m between heights
 REACH = 3.8  # m to each side of the vehicle
 ABOVE_AND_BELOW = 0.3  # m kept from what is occupied above and below
-FAR = 9.0  # m, where there is none
 ABOUT = 3.5  # columns about something that moves, which its hits may be in
 
 

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from behaviours.kernels import NEVER
 from garbi_map.log.records import Floats
 
+FAR = 9.0  # m, where there is nothing
+
 
 @njit(cache=True, nogil=True)
 def chart(

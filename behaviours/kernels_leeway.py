@@ -8,11 +8,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from behaviours.kernels_charts import FAR
 from behaviours.kernels_plan import SLACK
 from behaviours.kernels_rollout import _at, moved_on
 from garbi_map.log.records import Floats
 
-FAR = 9.0  # m, where nothing is known to stand
 TURNED = 0.25  # rad from the heading that was to be reached, where the turn passes into steering
 
 

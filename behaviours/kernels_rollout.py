@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from behaviours.kernels_charts import FAR
 from behaviours.kernels_plan import SLACK
 from garbi_map.log.records import Floats
 
@@ -90,7 +91,7 @@ def _turning_in(x, y, heading, surge, sway, rate, current, step, model, chart, v
         x, y, heading, surge, sway, rate = moved_on(x, y, heading, surge, sway, rate, 0.0, wanted, current, step, model)
         cos, sin, near = math.cos(heading), math.sin(heading), INF
         for k in range(len(circles)):
-            near = min(near, _at(chart, voxel, low, x + cos * circles[k], y + sin * circles[k], 9.0))
+            near = min(near, _at(chart, voxel, low, x + cos * circles[k], y + sin * circles[k], FAR))
         hit += step * max(margin - (near - radius - 0.5 * voxel), 0.0)
     return hit
 
@@ -157,8 +158,8 @@ def rehearse(
             near, calm, dark = INF, INF, INF
             for k in range(len(circles)):
                 px, py = x + cos * circles[k], y + sin * circles[k]
-                near = min(near, _at(occupied[layer], voxel, low, px, py, 9.0) - radius - 0.5 * voxel)
-                calm = min(calm, _at(wary[layer], voxel, low, px, py, 9.0) - radius - 0.5 * voxel)
+                near = min(near, _at(occupied[layer], voxel, low, px, py, FAR) - radius - 0.5 * voxel)
+                calm = min(calm, _at(wary[layer], voxel, low, px, py, FAR) - radius - 0.5 * voxel)
                 dark = min(dark, _at(unseen[layer], voxel, low, px, py, 0.0) - radius)
                 for j in range(len(movers)):
                     if abs(movers[j, 2] + (n + 1) * step * movers[j, 5] - z) > movers[j, 6] + 0.8:

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from behaviours import kernels_charts
-from behaviours.charts import FAR
+from behaviours.hull import discs, rollout_model
+from behaviours.kernels_charts import FAR
 from behaviours.kernels_leeway import TURNED, carried
 from behaviours.settings import LeewaySettings, Vehicle
 from behaviours.space import Space
@@ -26,7 +27,6 @@ MEAN, OPEN = 0.2, 1.0  # m of gap that a metre of the mean one counts; m, more o
 STEADY = 0.15  # m of gap that going on with the escape that was begun is worth
 WORSE = 0.02  # m of gap that an escape at once has to be worth more than one after the command
 Chart = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64], float]  # see `carried`
-DISCS = np.array([-1.0, 0.0, 1.0])
 
 
 class Leeway:
@@ -34,10 +34,9 @@ class Leeway:
 
     def __init__(self, settings: LeewaySettings, vehicle: Vehicle) -> None:
         self._settings = settings
-        half = np.array(vehicle.hull) / 2
-        spacing = 2 * half[0] / 3
-        self._half, self._circles, self._radius = half, DISCS * spacing, float(np.hypot(spacing / 2, half[1]))
-        self._model = np.array([0.5, 0.5, vehicle.sway_time, vehicle.skid])
+        self._half = np.array(vehicle.hull) / 2
+        self._circles, self._radius = discs(vehicle)
+        self._model = rollout_model(vehicle)
         self._slide = vehicle.skid * vehicle.sway_time
         self._speed, self._rate = min(0.2, vehicle.astern, vehicle.limits[0]), vehicle.limits[2]
         self._begun = -1

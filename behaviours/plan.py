@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from behaviours.charts import LAYER, Charts, draw
+from behaviours.hull import discs, rollout_model
 from behaviours.kernels_plan import cheapest, manoeuvring, trace
 from behaviours.kernels_rollout import rehearse
 from behaviours.moving import Mover
@@ -34,7 +35,6 @@ AROUND = 12  # cells of two columns to each side of the vehicle, in which its tu
 LOOK_AHEAD, LOOK_MOST = 2.5, 60  # m of the way, columns
 LOOKED_MOST = 20_000  # columns that are remembered
 PATIENCE = 5.0  # s in view, after which a column that is still unseen is hidden by something
-DISCS = np.array([-1.0, 0.0, 1.0])
 BLIND = 0.02  # m s of the hull's outline in the unseen
 
 
@@ -64,14 +64,11 @@ class Planner:
 
     def __init__(self, vehicle: Vehicle, settings: TravelSettings) -> None:
         self._vehicle, self._settings = vehicle, settings
-        half = np.array(vehicle.hull) / 2
-        spacing = 2 * half[0] / 3
-        self._circles = DISCS * spacing
-        self._radius = float(np.hypot(spacing / 2, half[1]))
-        self._half = half
+        self._half = np.array(vehicle.hull) / 2
+        self._circles, self._radius = discs(vehicle)
         self._habit = np.zeros(2)
         self._looked: dict[tuple[int, int], float] = {}
-        self._model = np.array([0.5, 0.5, vehicle.sway_time, vehicle.skid])
+        self._model = rollout_model(vehicle)
 
     def plan(self, space: Space, pose: Pose, goal: Floats, current: Floats, movers: list[Mover]) -> Plan | None:
         """None: no way is known, not even through the unseen."""
