@@ -31,7 +31,8 @@ class Avoidance:
         """The proposal of this moment."""
         escape = self._escape.propose(situation)
         if escape is not None:
-            return Proposal(self.name, 1.0, *escape, priority=self.settings.priority)
+            command, why, dares = escape
+            return Proposal(self.name, 1.0, command, why, priority=self.settings.priority, dares=dares)
         for found, axes in zip(self._still(situation), (AXES, ("heave",)), strict=True):
             if found:
                 activation, normal, reason = max(found, key=lambda one: one[0])

@@ -24,6 +24,7 @@ NEAREST, AFTER = 3.0, 2.0  # m of mean gap that the least one counts for, and th
 ASTERN = 0.3  # m of gap: that way it sees nothing
 SIGHT, BLIND = 0.7, 1.5  # share of profiles that show something; m of gap that rising costs where fewer do
 STEADY = 0.4  # m of gap that going on with what was begun is worth
+HOPELESS, BETTER = 0.1, 0.15  # m of gap that the best known way leaves; m more, for which unseen water is entered
 
 
 class Escape:
@@ -40,8 +41,8 @@ class Escape:
         self._begun_ns = 0
         self._manoeuvres = _manoeuvres(vehicle)
 
-    def propose(self, situation: Situation) -> tuple[Command, str] | None:
-        """What to do, and why in words; None where nothing will come too near."""
+    def propose(self, situation: Situation) -> tuple[Command, str, bool] | None:
+        """What to do, why in words, and whether it leads into unseen water; None where nothing will come too near."""
         movers = [one for one in situation.movers if self._matters(one, situation)]
         if not movers:
             self._under_way = False
@@ -49,7 +50,7 @@ class Escape:
         pose = situation.pose
         speed, rate = float(pose.velocity[0]), float(pose.rate[2])
         ways = np.array([[speed, rate, 1.5, speed, float(pose.velocity[2])], [0.0, 0.0, 1.5, 0.0, 0.0]])
-        going_on, resting = self._rehearse(situation, movers, ways)[:, 0]
+        going_on, resting = self._rehearse(situation, movers, ways, dare=False)[:, 0]
         if self._under_way:
             self._under_way = bool(min(going_on, resting) < self._settings.release)
         else:
@@ -58,7 +59,27 @@ class Escape:
         if not self._under_way:
             return None
         ways = self._manoeuvres if self._begun is None else np.vstack([self._manoeuvres, self._rest(pose.stamp_ns)])
-        found = self._rehearse(situation, movers, ways)
+        best, gap = self._best(situation, movers, ways, dare=False)
+        dare = False
+        if gap < HOPELESS:
+            other, wider = self._best(situation, movers, ways, dare=True)
+            if wider > gap + BETTER:
+                best, gap, dare = other, wider, True
+        if best < len(self._manoeuvres):
+            self._begun, self._begun_ns = ways[best], pose.stamp_ns
+        surge, yaw, _, _, heave = ways[best]
+        words = (
+            f"something moving will come within {max(going_on, 0.0):.2f} m, at rest {max(resting, 0.0):.2f} m; "
+            f"this way {max(gap, 0.0):.2f} m{', through unseen water' if dare else ''}"
+        )
+        level = float(np.clip(-0.6 * pose.tilt, -0.1, 0.1))
+        return Command(float(surge), float(heave), float(yaw), level), words, dare
+
+    def _best(self, situation: Situation, movers: list[Mover], ways: Floats, dare: bool) -> tuple[int, float]:
+        """Which of the manoeuvres (m, 5) is worth most, and the least gap that it leaves, m; dare: see `flee`."""
+        pose = situation.pose
+        speed = float(pose.velocity[0])
+        found = self._rehearse(situation, movers, ways, dare)
         effort = np.abs(ways[:, [0, 4]] - [speed, 0.0]).sum(1) + 0.3 * np.abs(ways[:, 1])
         keep = self._settings.keep
         worth = NEAREST * np.minimum(found[:, 0], keep) + AFTER * np.minimum(found[:, 3], keep) + found[:, 1]
@@ -69,14 +90,7 @@ class Escape:
         ):  # out of sight of the ground nothing proves the water free
             worth -= BLIND * (ways[:, 4] > 0.0)
         best = int(np.argmax(worth))
-        if best < len(self._manoeuvres):
-            self._begun, self._begun_ns = ways[best], pose.stamp_ns
-        surge, yaw, _, _, heave = ways[best]
-        words = (
-            f"something moving will come within {max(going_on, 0.0):.2f} m, at rest {max(resting, 0.0):.2f} m; "
-            f"this way {max(found[best, 0], 0.0):.2f} m"
-        )
-        return Command(float(surge), float(heave), float(yaw), float(np.clip(-0.6 * pose.tilt, -0.1, 0.1))), words
+        return best, float(found[best, 0])
 
     def _rest(self, now_ns: int) -> Floats:
         """What is left of the manoeuvre that was begun, (1, 5)."""
@@ -91,7 +105,7 @@ class Escape:
         reach = float(np.linalg.norm(mover.velocity)) + self._vehicle.limits[0]
         return away < self._settings.horizon * reach + 1.5
 
-    def _rehearse(self, situation: Situation, movers: list[Mover], manoeuvres: Floats) -> Floats:
+    def _rehearse(self, situation: Situation, movers: list[Mover], manoeuvres: Floats, dare: bool) -> Floats:
         pose, space, now = situation.pose, situation.space, situation.pose.stamp_ns
         # What was seen in one pass only has no velocity yet: it is taken to come from where it is.
         rows = [
@@ -102,7 +116,7 @@ class Escape:
         return flee(
             state, situation.current, np.ascontiguousarray(manoeuvres), STEP, round(self._settings.horizon / STEP),
             self._model, self._half, self._shell, self._room, np.array(rows), self._settings.keep, space.voxel, space.low,
-            space.shape, space.settings.hits, space.assumed_free_above, space.layers,
+            space.shape, space.settings.hits, space.assumed_free_above, space.layers, dare,
         )  # fmt: skip
 
 

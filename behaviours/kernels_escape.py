@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from behaviours.kernels import FREE, _inside, _kind
+from behaviours.kernels import FREE, OCCUPIED, _inside, _kind
 from behaviours.kernels_rollout import moved_on
 from garbi_map.log.records import Floats
 
@@ -16,9 +16,9 @@ MOST_DOUBT = 0.4  # m: more would bar all ways
 
 
 @njit(cache=True, nogil=True)
-def _barred(x, y, z, heading, shell, room, voxel, low, shape, least, assumed_free_above, layers):  # type: ignore[no-untyped-def]
+def _barred(x, y, z, heading, shell, room, voxel, low, shape, least, assumed_free_above, layers, dare):  # type: ignore[no-untyped-def]
     """How many points (p, 3), base_link, of the hull would not be in water that was seen free, or those about it in
-    something that was hit."""
+    something that was hit; dare: the unseen does not count."""
     free_ms, _, _, hits, _, _, _, _ = layers
     cos, sin = math.cos(heading), math.sin(heading)
     count = 0
@@ -27,10 +27,11 @@ def _barred(x, y, z, heading, shell, room, voxel, low, shape, least, assumed_fre
         j = math.floor((y + sin * shell[p, 0] + cos * shell[p, 1]) / voxel)
         k = math.floor((z + shell[p, 2]) / voxel)
         if not _inside(i, j, k, low, shape):
-            count += 1
+            count += not dare
             continue
         a, b, c = i % shape[0], j % shape[1], k % shape[2]
-        if _kind(a, b, c, k, voxel, least, assumed_free_above, free_ms, hits) != FREE:
+        kind = _kind(a, b, c, k, voxel, least, assumed_free_above, free_ms, hits)
+        if kind == OCCUPIED or (kind != FREE and not dare):
             count += 1
             continue
         i = math.floor((x + cos * room[p, 0] - sin * room[p, 1]) / voxel)
@@ -69,6 +70,7 @@ def flee(
     least: int,
     assumed_free_above: float,
     layers: tuple,
+    dare: bool,
 ) -> Floats:
     """(m, 4) of each manoeuvre: least gap between hull and what moves, m, less the doubt of where that will be; the mean of
     that gap, `most` m at most; share of the time in which the nearest of them is before the bow; least gap afterwards, at
@@ -83,12 +85,13 @@ def flee(
                 kept from what stands
     movers      (j, 9) place m, velocity m/s, odom, radius m, doubt of the place m, and its growth m/s
     voxel ...   the local volume, see behaviours.kernels: where the hull would leave what was seen free it stands still
+    dare        it does so only where the hull would meet something
     """
     found = np.empty((len(manoeuvres), 4))
     for m in range(len(manoeuvres)):
         x, y, z, heading, surge, sway, heave, rate = state
         nearest, mean, before = 1e6, 0.0, 0
-        barred = _barred(x, y, z, heading, shell, room, voxel, low, shape, least, assumed_free_above, layers)
+        barred = _barred(x, y, z, heading, shell, room, voxel, low, shape, least, assumed_free_above, layers, dare)
         for n in range(count):
             first = (n + 0.5) * step <= manoeuvres[m, 2]
             wanted_surge = manoeuvres[m, 0] if first else manoeuvres[m, 3]
@@ -98,11 +101,11 @@ def flee(
             )
             heave += (manoeuvres[m, 4] - heave) * min(step / model[0], 1.0)
             pz = z + step * heave
-            now = _barred(px, py, pz, turned, shell, room, voxel, low, shape, least, assumed_free_above, layers)
+            now = _barred(px, py, pz, turned, shell, room, voxel, low, shape, least, assumed_free_above, layers, dare)
             if now > barred:  # safety will not let it; water carries it abeam all the same
                 surge, heave, rate = 0.0, 0.0, 0.0
                 x, y = x - step * math.sin(heading) * sway, y + step * math.cos(heading) * sway
-                now = _barred(x, y, z, heading, shell, room, voxel, low, shape, least, assumed_free_above, layers)
+                now = _barred(x, y, z, heading, shell, room, voxel, low, shape, least, assumed_free_above, layers, dare)
             else:
                 x, y, z, heading = px, py, pz, turned
             barred = now

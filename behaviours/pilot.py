@@ -84,8 +84,8 @@ class Pilot:
         situation = self._situation(seen, seen.pose)
         proposals = [behaviour.propose(situation) for behaviour in self.behaviours]
         merged = coordinate(proposals, seen.now_ns)
-        faces = any(one.faces for one in proposals if one.name == merged.winner)
-        safe = self._safe(merged.command, faces, situation)
+        winner = next((one for one in proposals if one.name == merged.winner), None)
+        safe = self._safe(merged.command, winner, situation)
         corridor = situation.corridor
         view = f"free {corridor.length:.1f} m ahead, then {corridor.end}; seen {min(corridor.age, 999.0):.1f} s ago"
         view += "".join(_words(mover, seen.pose) for mover in situation.movers)
@@ -107,14 +107,15 @@ class Pilot:
             self._snapshot(seen.now_ns),
         )
 
-    def _safe(self, wanted: Command, faces: bool, situation: Situation) -> Filtered:
-        """What safety makes of a command; and where the water would carry the hull against something, the way out.
-
-        faces: see Proposal."""
+    def _safe(self, wanted: Command, winner: Proposal | None, situation: Situation) -> Filtered:
+        """What safety makes of a command; and where the water would carry the hull against something, the way out."""
         pose, movers, troubles = situation.pose, situation.movers, situation.troubles
-        safe = self.safety.filter(wanted, pose, situation.nearby, situation.corridor, movers, troubles)
+        dares = winner is not None and winner.dares
+        shuns = not (winner is not None and (winner.faces or dares))
+        nearby = situation.nearby.hit() if dares else situation.nearby
+        safe = self.safety.filter(wanted, pose, nearby, situation.corridor, movers, troubles)
         fastest, _ = self.safety.speed_limit(situation.corridor, troubles)
-        way_out = self.leeway.check(safe.command, pose, self.space, situation.current, fastest, not faces)
+        way_out = self.leeway.check(safe.command, pose, self.space, situation.current, fastest, shuns)
         if way_out is None:
             return safe
         command, why = way_out

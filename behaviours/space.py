@@ -34,6 +34,11 @@ class Nearby:
     point: Floats
     unknown: NDArray[np.bool_]
 
+    def hit(self) -> Nearby:
+        """Without what is unknown."""
+        kept = ~self.unknown
+        return Nearby(self.distance[kept], self.normal[kept], self.point[kept], self.unknown[kept])
+
 
 @dataclass(frozen=True)
 class Corridor:

@@ -109,6 +109,7 @@ class Proposal:
     expires_ns  after that moment it is void
     faces       it is about the heading: no more than what stands may turn the vehicle out of it, though water carries it
                 on to where nobody has looked
+    dares       what comes would surely hit it elsewhere: unseen water is the lesser evil, only what was seen bounds it
     """
 
     name: str
@@ -120,3 +121,4 @@ class Proposal:
     expires_ns: int = 2**62
     facts: dict[str, float] = field(default_factory=dict)
     faces: bool = False
+    dares: bool = False

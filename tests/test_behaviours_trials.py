@@ -115,7 +115,7 @@ def test_the_table_tells_what_was_avoidable(tmp_path: Path) -> None:
     """A collision that the omniscient controller avoids is avoidable; a goal that it does not reach is not feasible."""
 
     def outcome(seed: int, controller: str, collided: bool, reached: bool) -> Outcome:
-        return Outcome(seed, "wall", controller, collided, reached, 0.1, 9.0, 1.0, 0.0)
+        return Outcome(seed, "wall", controller, collided, reached, 0.1, 9.0, 1.0, 0)
 
     for one in (
         outcome(0, "omniscient", False, True), outcome(5, "omniscient", True, False), outcome(10, "omniscient", False, True),
@@ -141,8 +141,8 @@ def test_the_table_tells_what_was_avoidable(tmp_path: Path) -> None:
 def test_a_trial_flown_again_replaces_what_earlier_sources_made_of_it(tmp_path: Path) -> None:
     """The later row counts, and the table says which sources the flights come from."""
     for sources, reached in (("1111", False), ("2222", True)):
-        append(tmp_path / "trials.csv", Outcome(0, "wall", "garbi", False, reached, 0.1, 9.0, 1.0, 0.0, sources))
-    append(tmp_path / "trials.csv", Outcome(5, "wall", "garbi", False, False, 0.1, 9.0, 1.0, 0.0, "1111"))
+        append(tmp_path / "trials.csv", Outcome(0, "wall", "garbi", False, reached, 0.1, 9.0, 1.0, 0, sources))
+    append(tmp_path / "trials.csv", Outcome(5, "wall", "garbi", False, False, 0.1, 9.0, 1.0, 0, "1111"))
     kept = read(tmp_path / "trials.csv")
     assert [one.reached for one in kept] == [True, False]
     assert "sources 2222: 1 garbi" in table(kept) and "sources 1111: 1 garbi" in table(kept)

@@ -10,17 +10,15 @@ import numpy as np
 
 from behaviours.pilot import Pilot
 from behaviours.settings import BehaviourSettings, TravelSettings, Vehicle
-from garbi_map.log.records import Floats
 from tools.simulator.dive import Dive
 from tools.simulator.record import write_log
 from tools.simulator.scenario import Model, Mover, Scenario
-from tools.simulator.seabed import mover_centre
 from tools.simulator.sensors import START_NS
 from tools.trials.baselines import NoAvoidance, Omniscient, PotentialField, StopZone
 from tools.trials.feed import DiveFeed, Level
 from tools.trials.scenario import open_water
 from tools.trials.sources import fingerprint
-from tools.trials.world import Block, Rod, World
+from tools.trials.world import Block, Rod, World, shown
 
 KINDS = ("wall", "pillar", "cable", "overhang", "moving")
 PERIOD = 0.1  # s
@@ -45,9 +43,9 @@ VEHICLES = {
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a trial: gap is the least distance, m, between hull and obstacle; in_view: seconds in which
-    a moving obstacle's centre was within the camera's view and reach; what never was cannot be avoided by looking;
-    sources: what it was flown with, see `fingerprint`."""
+    """What became of a trial: gap is the least distance, m, between hull and obstacle; passes: of the laser that showed
+    what moves (0 where nothing looks): from fewer than two nothing can tell that it does; sources: what it was flown
+    with, see `fingerprint`."""
 
     seed: int
     kind: str
@@ -57,7 +55,7 @@ class Outcome:
     gap: float
     seconds: float
     length: float
-    in_view: float
+    passes: int
     sources: str = ""
 
     def as_dict(self) -> dict[str, object]:
@@ -150,15 +148,15 @@ def fly(
     points = world.points()
     start = dive.vehicle.position.copy()
     target = start + dive.vehicle.attitude.as_matrix() @ np.array(goal)
-    gap, length, reached, now, in_view = np.inf, 0.0, False, 0.0, 0.0
+    gap, length, reached, now, passes = np.inf, 0.0, False, 0.0, set[int]()
     before, mark, since = start, start, 0.0
     while now < longest and gap > 0.0 and not reached:
         now += PERIOD
-        decision = pilot.decide(feed.until(START_NS + round(now * 1e9)))
-        feed.step(decision.command, PERIOD)
+        seen = feed.until(START_NS + round(now * 1e9))
+        passes |= {profile.sweep for profile in seen.profiles if shown(dive, world.movers, profile)}
+        feed.step(pilot.decide(seen).command, PERIOD)
         position, rotation = dive.vehicle.position.copy(), dive.vehicle.attitude.as_matrix()
         gap = min(gap, world.gap(points, position, rotation, half, now))
-        in_view += PERIOD * _in_view(feed, world, position, rotation, now)
         length += float(np.linalg.norm(position - before))
         reached = bool(gap > 0.0 and np.linalg.norm(position - target) < REACHED)
         before = position
@@ -166,7 +164,7 @@ def fly(
             mark, since = position, now
         if controller != "garbi" and not world.movers and now - since > GIVEN_UP:
             break
-    found = Outcome(seed, kind, controller, gap <= 0.0, reached, float(gap), now, length, in_view, fingerprint())
+    found = Outcome(seed, kind, controller, gap <= 0.0, reached, float(gap), now, length, len(passes), fingerprint())
     return Flight(found, dive, world, goal)
 
 
@@ -188,13 +186,3 @@ def save(flight: Flight, path: Path) -> None:
     goal = ", ".join(f"{value:.3f}" for value in flight.goal)
     plan = f"behaviours: {{travel: {{goal: [{goal}]}}}}\nexpectations: []\n"
     write_log(dive, path, workers=0, metadata={"garbi.expectations": {"yaml": plan}}, truth=False)
-
-
-def _in_view(feed: DiveFeed, world: World, position: Floats, rotation: Floats, now: float) -> bool:
-    for mover in world.movers:
-        base = (mover_centre(mover, now) - position) @ rotation
-        pixel = feed.rig.project((base - feed.mount.translation)[None])[0]
-        size = (feed.rig.camera.width, feed.rig.camera.height)
-        if np.isfinite(pixel).all() and (pixel > 0).all() and (pixel < size).all() and np.linalg.norm(base) < 3.0:
-            return True
-    return False

@@ -18,11 +18,10 @@ from tools.simulator.sensors import START_NS
 from tools.simulator.vehicle import Command
 from tools.trials.feed import DiveFeed
 from tools.trials.scenario import open_water
-from tools.trials.world import Block, Rod, World
+from tools.trials.world import Block, Rod, World, shown
 
 PERIOD, END = 0.1, 36.0  # s
 OFF = 0.35  # m, from a ball's skin within which a track is that ball
-SHOWN = 5  # points of a profile on a ball that show it
 
 
 @dataclass
@@ -81,12 +80,9 @@ def run(seed: int) -> Found:
         seen = feed.until(START_NS + round(now * 1e9))
         pilot.decide(seen)
         for profile in seen.profiles:
-            time = (profile.stamp_ns - START_NS) * 1e-9
-            for one, mover in enumerate(world.movers):
-                off = np.linalg.norm(profile.points + start - mover_centre(mover, time), axis=1) - mover.size / 2
-                if (off < 0.08).sum() >= SHOWN:
-                    passes[one].add(profile.sweep)
-                    first.setdefault(one, time)
+            for one in shown(dive, world.movers, profile):
+                passes[one].add(profile.sweep)
+                first.setdefault(one, (profile.stamp_ns - START_NS) * 1e-9)
         for track in pilot.movers.now():
             ball = _which(world, track.at(seen.now_ns) + start, now)
             most, was = tracks.get(track.number, (0, None))
@@ -113,17 +109,17 @@ def _judge(
     tracks: dict[int, tuple[int, int | None]],
     got: dict[tuple[int, bool], float],
 ) -> Found:
-    shown = [one for one, sweeps in enumerate(passes) if len(sweeps) >= 2]
+    seen = [one for one, sweeps in enumerate(passes) if len(sweeps) >= 2]
     moving = [was for most, was in tracks.values() if most > 1]
     return Found(
         seed,
-        len(shown),
-        sum((one, False) in got for one in shown),
+        len(seen),
+        sum((one, False) in got for one in seen),
         len(tracks),
         sum(was is not None for _, was in tracks.values()),
-        sum((one, True) in got for one in shown),
+        sum((one, True) in got for one in seen),
         len(moving),
         sum(was is not None for was in moving),
-        [got[one, False] - first[one] for one in shown if (one, False) in got],
-        [got[one, True] - first[one] for one in shown if (one, True) in got],
+        [got[one, False] - first[one] for one in seen if (one, False) in got],
+        [got[one, True] - first[one] for one in seen if (one, True) in got],
     )

@@ -7,13 +7,17 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from behaviours.types import Profile
 from garbi_map.log.records import Floats
 from tools.simulator import shapes
 from tools.simulator.dive import Dive
 from tools.simulator.scenario import Mover, Scenario
 from tools.simulator.seabed import Scene, mover_centre
+from tools.simulator.sensors import START_NS
 from tools.simulator.shapes import Mesh
 from tools.trials import kernels
+
+ON, SHOWN = 0.08, 5  # m off a moving thing's skin within which a point lies on it; points of a profile that show it
 
 
 @dataclass(frozen=True)
@@ -121,6 +125,15 @@ class World:
             centre = mover_centre(mover, time)
             gap = min(gap, _gap(((centre - position) @ rotation)[None], half, mover.size / 2))
         return gap
+
+
+def shown(dive: Dive, movers: tuple[Mover, ...], profile: Profile) -> list[int]:
+    """Which of the things that move a profile has points on, wherever navigation took the vehicle to be."""
+    time = (profile.stamp_ns - START_NS) * 1e-9
+    now = dive.motion.at(time)
+    points = now.rotation[0].apply(profile.pose.to_base(profile.points)) + now.position[0]
+    off = [np.linalg.norm(points - mover_centre(one, time), axis=1) - one.size / 2 for one in movers]
+    return [number for number, found in enumerate(off) if (found < ON).sum() >= SHOWN]
 
 
 def _gap(points: Floats, half: Floats, radius: float) -> float:
