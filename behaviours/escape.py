@@ -28,7 +28,8 @@ HOPELESS, BETTER = 0.1, 0.15  # m of gap that the best known way leaves; m more,
 
 
 class Escape:
-    """Remembers that it is under way: it ends only when the vehicle would be missed even at rest."""
+    """Remembers that it is under way: it ends only when the vehicle would be missed even at rest; and that it has dared
+    unseen water: once the hull is in it, it shuts no way out."""
 
     def __init__(self, settings: EscapeSettings, vehicle: Vehicle) -> None:
         self._settings, self._vehicle = settings, vehicle
@@ -36,7 +37,7 @@ class Escape:
         self._shell = _shell(self._half)
         self._room = self._shell * (1.0 + settings.clearance / self._half)
         self._model = np.array([LAG, LAG, vehicle.sway_time, vehicle.skid])
-        self._under_way = False
+        self._under_way = self._dares = False
         self._begun: Floats | None = None
         self._begun_ns = 0
         self._manoeuvres = _manoeuvres(vehicle)
@@ -45,7 +46,7 @@ class Escape:
         """What to do, why in words, and whether it leads into unseen water; None where nothing will come too near."""
         movers = [one for one in situation.movers if self._matters(one, situation)]
         if not movers:
-            self._under_way = False
+            self._under_way = self._dares = False
             return None
         pose = situation.pose
         speed, rate = float(pose.velocity[0]), float(pose.rate[2])
@@ -57,23 +58,24 @@ class Escape:
             self._under_way = bool(going_on < self._settings.near)
             self._begun = None
         if not self._under_way:
+            self._dares = False
             return None
         ways = self._manoeuvres if self._begun is None else np.vstack([self._manoeuvres, self._rest(pose.stamp_ns)])
         best, gap = self._best(situation, movers, ways, dare=False)
-        dare = False
-        if gap < HOPELESS:
+        dared, self._dares = self._dares, False
+        if dared or gap < HOPELESS:
             other, wider = self._best(situation, movers, ways, dare=True)
-            if wider > gap + BETTER:
-                best, gap, dare = other, wider, True
+            if wider > gap + (0.0 if dared else BETTER):
+                best, gap, self._dares = other, wider, True
         if best < len(self._manoeuvres):
             self._begun, self._begun_ns = ways[best], pose.stamp_ns
         surge, yaw, _, _, heave = ways[best]
         words = (
             f"something moving will come within {max(going_on, 0.0):.2f} m, at rest {max(resting, 0.0):.2f} m; "
-            f"this way {max(gap, 0.0):.2f} m{', through unseen water' if dare else ''}"
+            f"this way {max(gap, 0.0):.2f} m{', through unseen water' if self._dares else ''}"
         )
         level = float(np.clip(-0.6 * pose.tilt, -0.1, 0.1))
-        return Command(float(surge), float(heave), float(yaw), level), words, dare
+        return Command(float(surge), float(heave), float(yaw), level), words, self._dares
 
     def _best(self, situation: Situation, movers: list[Mover], ways: Floats, dare: bool) -> tuple[int, float]:
         """Which of the manoeuvres (m, 5) is worth most, and the least gap that it leaves, m; dare: see `flee`."""

@@ -78,6 +78,21 @@ MUTANTS = (
     Mutant(
         "escape: up out of sight of the ground", "behaviours/escape.py", "worth -= BLIND", "worth -= 0.0", "retreat",
     ),
+    Mutant(
+        "escape: the unseen is never dared", "behaviours/escape.py", "if gap < HOPELESS:", "if False:", "escape",
+    ),
+    Mutant(
+        "escape: what was seen is dared too", "behaviours/kernels_escape.py",
+        "kind == OCCUPIED or (kind != FREE and not dare)", "not dare and kind != FREE", "escape",
+    ),
+    Mutant(
+        "escape: the filter shuns the unseen all the same", "behaviours/pilot.py",
+        "situation.nearby.hit() if dares", "situation.nearby if dares", "escape",
+    ),
+    Mutant(
+        "escape: what dares is not kept from what was seen", "behaviours/space.py",
+        "        kept = ~self.unknown\n", "        kept = self.unknown & ~self.unknown\n", "escape",
+    ),
 )  # fmt: skip
 
 
