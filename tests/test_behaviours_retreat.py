@@ -137,10 +137,10 @@ def test_above_the_goal_where_nothing_returns_it_goes_down_and_at_its_height_it_
             assert got.command.heave == pytest.approx(expected) and got.command.surge == 0.0
 
 
-def escape(volume: Space, at: Pose) -> float:
-    """m/s, the heave with which it escapes something that comes head on."""
+def escape(volume: Space, at: Pose, ahead: float = 1.2) -> float:
+    """m/s, the heave with which it escapes something that comes head on, that far ahead, m."""
     volume.layers[3][:] = 0
-    coming = Mover(1, START, START, np.array([1.2, 0.0, 0.0]), np.array([-0.15, 0.0, 0.0]), 0.2, 5, 0.01)
+    coming = Mover(1, START, START, np.array([ahead, 0.0, 0.0]), np.array([-0.15, 0.0, 0.0]), 0.2, 5, 0.01)
     got = Escape(EscapeSettings(), Vehicle()).propose(situation(volume, at, [coming]))
     assert got is not None
     return got[0].heave
@@ -156,4 +156,4 @@ def test_an_escape_rises_out_of_sight_of_the_ground_only_where_nothing_else_help
         volume.layers[0][:] = volume.milliseconds(places[0].stamp_ns)
     assert escape(seen, places[0]) > 0.0
     assert escape(unseen, places[1]) == 0.0
-    assert escape(shaft, places[2]) > 0.0
+    assert escape(shaft, places[2], 2.4) > 0.0

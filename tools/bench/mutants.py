@@ -79,11 +79,15 @@ MUTANTS = (
         "escape: up out of sight of the ground", "behaviours/escape.py", "worth -= BLIND", "worth -= 0.0", "retreat",
     ),
     Mutant(
-        "escape: the unseen is never dared", "behaviours/escape.py", "if gap < HOPELESS:", "if False:", "escape",
+        "escape: the unseen is never dared", "behaviours/escape.py", "if dared or gap < HOPELESS:", "if False:", "escape",
+    ),
+    Mutant(
+        "escape: half way through the unseen it is shunned again", "behaviours/escape.py",
+        "        dared, self._dares = self._dares, False\n", "        dared = self._dares = False\n", "escape",
     ),
     Mutant(
         "escape: what was seen is dared too", "behaviours/kernels_escape.py",
-        "kind == OCCUPIED or (kind != FREE and not dare)", "not dare and kind != FREE", "escape",
+        "if now > barred:", "if now > barred and not dare:", "escape",
     ),
     Mutant(
         "escape: the filter shuns the unseen all the same", "behaviours/pilot.py",
