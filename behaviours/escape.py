@@ -24,7 +24,11 @@ NEAREST, AFTER = 3.0, 2.0  # m of mean gap that the least one counts for, and th
 ASTERN = 0.3  # m of gap: that way it sees nothing
 SIGHT, BLIND = 0.7, 1.5  # share of profiles that show something; m of gap that rising costs where fewer do
 STEADY = 0.4  # m of gap that going on with what was begun is worth
-HOPELESS, BETTER = 0.1, 0.15  # m of gap that the best known way leaves; m more, for which unseen water is entered
+HOPELESS, HOPEFUL = (
+    0.1,
+    0.3,
+)  # m of gap that the best known way leaves, from which and until which unseen water is entered
+BETTER = 0.15  # m of gap more, for which it is entered
 
 
 class Escape:
@@ -63,7 +67,7 @@ class Escape:
         ways = self._manoeuvres if self._begun is None else np.vstack([self._manoeuvres, self._rest(pose.stamp_ns)])
         best, gap = self._best(situation, movers, ways, dare=False)
         dared, self._dares = self._dares, False
-        if dared or gap < HOPELESS:
+        if gap < (HOPEFUL if dared else HOPELESS):
             other, wider = self._best(situation, movers, ways, dare=True)
             if wider > gap + (0.0 if dared else BETTER):
                 best, gap, self._dares = other, wider, True

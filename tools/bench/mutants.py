@@ -79,7 +79,8 @@ MUTANTS = (
         "escape: up out of sight of the ground", "behaviours/escape.py", "worth -= BLIND", "worth -= 0.0", "retreat",
     ),
     Mutant(
-        "escape: the unseen is never dared", "behaviours/escape.py", "if dared or gap < HOPELESS:", "if False:", "escape",
+        "escape: the unseen is never dared", "behaviours/escape.py",
+        "if gap < (HOPEFUL if dared else HOPELESS):", "if False:", "escape",
     ),
     Mutant(
         "escape: half way through the unseen it is shunned again", "behaviours/escape.py",
