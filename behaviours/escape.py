@@ -24,11 +24,9 @@ NEAREST, AFTER = 3.0, 2.0  # m of mean gap that the least one counts for, and th
 ASTERN = 0.3  # m of gap: that way it sees nothing
 SIGHT, BLIND = 0.7, 1.5  # share of profiles that show something; m of gap that rising costs where fewer do
 STEADY = 0.4  # m of gap that going on with what was begun is worth
-HOPELESS, HOPEFUL = (
-    0.1,
-    0.3,
-)  # m of gap that the best known way leaves, from which and until which unseen water is entered
-BETTER = 0.15  # m of gap more, for which it is entered
+# m of gap that the best known way leaves: less, and unseen water is entered; more, and it is shunned again
+HOPELESS, HOPEFUL = 0.1, 0.3
+BETTER = 0.15  # m of gap more, for which unseen water is entered
 
 
 class Escape:
@@ -91,9 +89,8 @@ class Escape:
         worth = NEAREST * np.minimum(found[:, 0], keep) + AFTER * np.minimum(found[:, 3], keep) + found[:, 1]
         worth += VIEW * found[:, 2] - EFFORT * effort - ASTERN * (ways[:, 3] < 0.0)
         worth[len(self._manoeuvres) :] += STEADY
-        if (
-            situation.space.returning(situation.now_ns) < SIGHT
-        ):  # out of sight of the ground nothing proves the water free
+        # Out of sight of the ground nothing proves the water free.
+        if situation.space.returning(situation.now_ns) < SIGHT:
             worth -= BLIND * (ways[:, 4] > 0.0)
         best = int(np.argmax(worth))
         return best, float(found[best, 0])
