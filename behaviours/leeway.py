@@ -26,6 +26,10 @@ HEAD = 0.1  # m/s against the current once turned
 MEAN, OPEN = 0.2, 1.0  # m of gap that a metre of the mean one counts; m, more of which counts no more
 STEADY = 0.15  # m of gap that going on with the escape that was begun is worth
 WORSE = 0.02  # m of gap that an escape at once has to be worth more than one after the command
+HOPELESS, BETTER = (
+    0.05,
+    0.15,
+)  # m left, less than which an old view bounds no more; m more, for which it is gone against
 Chart = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64], float]  # see `carried`
 
 
@@ -42,23 +46,38 @@ class Leeway:
         self._begun = -1
 
     def check(
-        self, command: Command, pose: Pose, space: Space, current: Floats, fastest: float, shun_unseen: bool = True
-    ) -> tuple[Command, str] | None:
-        """The escape to fly instead of a command, and why in words; None where the command leaves room for one.
+        self,
+        command: Command,
+        pose: Pose,
+        space: Space,
+        current: Floats,
+        fastest: float,
+        bold: float = 0.0,
+        shun_unseen: bool = True,
+    ) -> tuple[Command, str, bool] | None:
+        """The escape to fly instead of a command, why in words, and whether it is faster than the view ahead allows: to
+        stop for what may have come since would be to be carried on to what is there. None where the command leaves room.
 
-        current (2,) m/s, odom; fastest: m/s of surge that the view ahead allows; shun_unseen: whether to be carried into
-        unseen water counts as much as to be carried on to what stands."""
+        current (2,) m/s, odom; fastest: m/s of surge that the view ahead allows; bold: that it would if it were fresh;
+        shun_unseen: whether to be carried into unseen water counts as much as to be carried on to what stands."""
         escapes = self._escapes(current, fastest)
         chart = self._chart(pose, space)
         gaps = self._rehearse(command, escapes, pose, current, chart, shun_unseen)
         room, enough = self._room(gaps), self._settings.keep + self._settings.release
-        if room.max() >= (enough if self._begun >= 0 else self._settings.keep):
+        dares = False
+        if room.max() < HOPELESS and fastest < bold:
+            bolder = self._escapes(current, bold)
+            others = self._rehearse(command, bolder, pose, current, chart, shun_unseen)
+            dares = bool(self._room(others).max() > room.max() + BETTER)
+            if dares:
+                escapes, gaps, room = bolder, others, self._room(others)
+        if not dares and room.max() >= (enough if self._begun >= 0 else self._settings.keep):
             self._begun = -1
             return None
         now = self._rehearse(None, escapes, pose, current, chart, shun_unseen)
         left = self._room(now)
         worth = left + MEAN * now[:, 2]
-        if self._begun < 0 and worth.max() < (room + MEAN * gaps[:, 2]).max() + WORSE:
+        if not dares and self._begun < 0 and worth.max() < (room + MEAN * gaps[:, 2]).max() + WORSE:
             return None
         if self._begun >= 0:
             worth[self._begun] += STEADY
@@ -72,7 +91,8 @@ class Leeway:
             f"a current of {float(np.hypot(*current)):.2f} m/s leaves no room to turn in later: "
             f"{max(float(room.max()), 0.0):.2f} m are left, this way {max(float(left[self._begun]), 0.0):.2f} m"
         )
-        return Command(float(surge), command.heave, float(rate), command.pitch), words
+        words += ", faster than the view ahead allows" if dares else ""
+        return Command(float(surge), command.heave, float(rate), command.pitch), words, dares
 
     def _room(self, found: Floats) -> Floats:
         """m (m,) from what stands; never more than is enough, less what the hull gets into the unseen."""

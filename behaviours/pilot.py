@@ -3,6 +3,7 @@ last word."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
@@ -114,12 +115,13 @@ class Pilot:
         shuns = not (winner is not None and (winner.faces or dares))
         nearby = situation.nearby.hit() if dares else situation.nearby
         safe = self.safety.filter(wanted, pose, nearby, situation.corridor, movers, troubles)
-        fastest, _ = self.safety.speed_limit(situation.corridor, troubles)
-        way_out = self.leeway.check(safe.command, pose, self.space, situation.current, fastest, shuns)
+        fresh = replace(situation.corridor, age=0.0)
+        fastest, bold = (self.safety.speed_limit(view, troubles)[0] for view in (situation.corridor, fresh))
+        way_out = self.leeway.check(safe.command, pose, self.space, situation.current, fastest, bold, shuns)
         if way_out is None:
             return safe
-        command, why = way_out
-        return self.safety.rehearsed(command, why, pose, situation.corridor, movers, troubles)
+        command, why, dares = way_out
+        return self.safety.rehearsed(command, why, pose, fresh if dares else situation.corridor, movers, troubles)
 
     def _snapshot(self, now_ns: int) -> tuple[Floats, Floats] | None:
         """The volume, once a second."""
