@@ -128,6 +128,38 @@ def test_no_surge_ahead_is_rehearsed_that_the_view_does_not_allow() -> None:
     assert got is not None and got[0].surge <= 0.0
 
 
+def beside_the_stern(at: Pose) -> Space:
+    """Known and free, but for something to leeward of the stern and of what lies astern; ahead there is room."""
+    found = water(at, None)
+    along = np.mod(np.arange(-40, 3), found.shape[1])
+    found.layers[3][int(np.floor((HALF[1] + 0.45) / found.voxel)) % found.shape[0], along] = 9
+    return found
+
+
+@pytest.mark.parametrize(("bold", "goes_on"), [(0.2, True), (0.0, False)])
+def test_an_old_view_does_not_stop_what_stopping_would_carry_on_to_something(bold: float, goes_on: bool) -> None:
+    """Only ahead is there room. What may have come there since is a lesser danger than what is there for sure; but where
+    even a fresh view would not let it, it does not go."""
+    at = pose(0, (0.0, 0.0, 0.0), BROADSIDE, (0.0, -CURRENT, 0.0))
+    current = np.array([CURRENT, 0.0])
+    got = Leeway(LeewaySettings(), Vehicle()).check(Command(), at, beside_the_stern(at), current, 0.0, bold)
+    assert got is not None
+    assert (got[0].surge > 0.1, got[2]) == (goes_on, goes_on)
+
+
+@pytest.mark.parametrize(("troubles", "goes_on"), [([], True), (["navigation is silent"], False)])
+def test_the_pilot_goes_on_with_an_old_view_but_never_blind(troubles: list[str], goes_on: bool) -> None:
+    """The same through a pilot whose view ahead is ten seconds old: it goes on and says so; without navigation it stops."""
+    pilot = Pilot(BehaviourSettings(), rig(), MOUNT)
+    at = pose(10.0, (0.0, 0.0, 0.0), BROADSIDE, (0.0, -CURRENT, 0.0))
+    pilot.space = beside_the_stern(at)
+    pilot.space.layers[0][:] -= 10_000
+    pilot.drift.current = np.array([CURRENT, 0.0])
+    decision = pilot.decide(Seen(at.stamp_ns, at, [], troubles))
+    assert (decision.command.surge > 0.1) is goes_on
+    assert any("faster than the view ahead allows" in change for change in decision.changes) is goes_on
+
+
 def test_the_pilot_flies_it_whatever_is_proposed_and_says_why() -> None:
     """Any behaviour that would stay broadside: the decision turns the vehicle in, in words."""
 

@@ -62,6 +62,14 @@ MUTANTS = (
         "        current = 0.0 * current\n        escapes = self._escapes(current, fastest)\n", "leeway",
     ),
     Mutant(
+        "leeway: an old view stops it come what may", "behaviours/leeway.py",
+        "if room.max() < HOPELESS and fastest < bold:", "if False:", "leeway",
+    ),
+    Mutant(
+        "leeway: an old view never bounds it", "behaviours/leeway.py",
+        "if room.max() < HOPELESS and fastest < bold:", "if fastest < bold:", "leeway",
+    ),
+    Mutant(
         "leeway: the unseen is free", "behaviours/leeway.py", "enough - found[:, 1]", "enough + 0.0 * found[:, 1]", "leeway",
     ),
     Mutant(
