@@ -128,11 +128,11 @@ def test_no_surge_ahead_is_rehearsed_that_the_view_does_not_allow() -> None:
     assert got is not None and got[0].surge <= 0.0
 
 
-def beside_the_stern(at: Pose) -> Space:
-    """Known and free, but for something to leeward of the stern and of what lies astern; ahead there is room."""
+def beside_the_stern(at: Pose, distance: float = 0.65) -> Space:
+    """Known and free, but for something that many m to leeward of the stern and of what lies astern; ahead there is room."""
     found = water(at, None)
-    along = np.mod(np.arange(-40, 3), found.shape[1])
-    found.layers[3][int(np.floor((HALF[1] + 0.45) / found.voxel)) % found.shape[0], along] = 9
+    along = np.mod(np.arange(-40, -2), found.shape[1])
+    found.layers[3][int(np.floor((HALF[1] + distance) / found.voxel)) % found.shape[0], along] = 9
     return found
 
 
@@ -145,6 +145,15 @@ def test_an_old_view_does_not_stop_what_stopping_would_carry_on_to_something(bol
     got = Leeway(LeewaySettings(), Vehicle()).check(Command(), at, beside_the_stern(at), current, 0.0, bold)
     assert got is not None
     assert (got[0].surge > 0.1, got[2]) == (goes_on, goes_on)
+
+
+def test_an_old_view_bounds_it_as_long_as_another_way_keeps_clear() -> None:
+    """With a hand's breadth more to leeward backing off and turning in is enough, though ahead there would be more room."""
+    at = pose(0, (0.0, 0.0, 0.0), BROADSIDE, (0.0, -CURRENT, 0.0))
+    got = Leeway(LeewaySettings(), Vehicle()).check(
+        Command(), at, beside_the_stern(at, 0.95), np.array([CURRENT, 0.0]), 0.0, 0.2
+    )
+    assert got is not None and got[0].surge < 0.0 and not got[2]
 
 
 @pytest.mark.parametrize(("troubles", "goes_on"), [([], True), (["navigation is silent"], False)])
