@@ -14,10 +14,12 @@ WATCH, SIDE, KEPT = 4.5, 0.9, 0.2  # m, rad, rad: what is watched, and within wh
 MISSED, MISSED_NEAR = (4.0, 20.0), 3.0  # s, m: what moves and was not seen for so long, and is near, is looked for
 SIGHT, SIGHTLESS, RISEN = 0.5, 3.0, 0.3  # share of profiles that show something; s; m over the goal: see _too_high
 NEAR, SLOW = 2.5, 0.1  # m, m/s: nearer than that it is waited for, else approached slowly
+PASSES, LONGEST = 2, 8.0  # of the laser that are waited for before the first move; s, where passes never end
 
 
 class Travel:
-    """Rehearses manoeuvres through what was seen; what is unseen on the way draws the bow, not the hull."""
+    """Rehearses manoeuvres through what was seen; what is unseen on the way draws the bow, not the hull. `looked`: whether
+    it has looked before the first move, or need not."""
 
     name = "travel"
 
@@ -29,13 +31,19 @@ class Travel:
         self._planned_ns = 0
         self._height: float | None = None
         self._shown_ns: int | None = None
+        self._passes: set[int] = set()
+        self._begun_ns: int | None = None
         self.goal = settings.goal
+        self.looked = False
 
     def propose(self, situation: Situation) -> Proposal:
         """The proposal of this moment."""
         pose, settings = situation.pose, self.settings
         if self._height is None:
             self._height = float(pose.position[2])
+        if not self._has_looked(situation):
+            words = f"looking before the first move, for {PASSES} passes of the laser"
+            return self._say(self._command(pose, 0.0, 0.0, self._height), words)
         if self.goal is None:
             return self._say(self._command(pose, settings.speed, 0.0, self._height), "straight on")
         goal = np.array(self.goal)
@@ -61,6 +69,17 @@ class Travel:
             return self._say(self._command(pose, surge, yaw, float(pose.position[2])), f"goal at {left:.1f} m; {why}")
         surge, yaw, why = watched
         return self._say(self._command(pose, surge, yaw, plan.height), words + why)
+
+    def _has_looked(self, situation: Situation) -> bool:
+        """Whether the passes have ended from which it can be told what moves: one shows where things are, two that they
+        were elsewhere. Once told it is, it stays so."""
+        if not self.looked:
+            if self._begun_ns is None:
+                self._begun_ns = situation.now_ns
+            self._passes |= {profile.sweep for profile in situation.profiles}
+            waited = (situation.now_ns - self._begun_ns) * 1e-9
+            self.looked = len(self._passes) > PASSES or waited > LONGEST
+        return self.looked
 
     def _too_high(self, situation: Situation, goal: float) -> bool:
         """Whether it is above the goal's height (m) where the scanner has shown little for long: out of sight of the ground

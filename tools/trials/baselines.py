@@ -11,6 +11,7 @@ from behaviours.feed import Seen
 from behaviours.moving import Mover as Tracked
 from behaviours.pilot import Pilot
 from behaviours.situation import Situation
+from behaviours.travel import Travel
 from behaviours.types import Command, Pose, within_half_turn
 from tools.simulator.dive import Dive
 from tools.simulator.seabed import mover_centre
@@ -30,6 +31,9 @@ class Omniscient(Pilot):
         self._start = dive.vehicle.position.copy()
         self._points = world.points() - self._start
         self._filled_ns = 0
+        for one in self.behaviours:
+            if isinstance(one, Travel):
+                one.looked = True
 
     def decide(self, seen: Seen) -> Decision:
         """With everything known."""
