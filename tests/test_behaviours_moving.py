@@ -17,7 +17,7 @@ from behaviours.space import Corridor, Nearby, Space
 from behaviours.travel import Travel
 from behaviours.types import Command, Pose
 from garbi_map.log.records import Floats
-from tests.behaviour_parts import START, obeyed, pose, space, wall
+from tests.behaviour_parts import START, obeyed, pose, profile, space, wall
 from tests.test_behaviours_space import sweep
 
 NOTHING = Nearby(np.empty(0), np.empty((0, 3)), np.empty((0, 3)), np.empty(0, bool))
@@ -125,11 +125,36 @@ def test_what_passes_by_is_left_alone() -> None:
         assert escape.propose(moment(pose(0), mover, open_water())) is None
 
 
+def under_way() -> Travel:
+    """To a goal 3 m ahead, by someone who has looked."""
+    travel = Travel(TravelSettings(goal=(3.0, 0.0, 0.0)), Vehicle())
+    travel.looked = True
+    return travel
+
+
+def test_before_its_first_move_it_looks_for_two_passes() -> None:
+    """One pass shows where things are, two that they were elsewhere: until the second has ended it stays. Passes that never
+    end are not waited for."""
+    seen = [replace(profile(wall(2.4), pose(0.0)), sweep=number) for number in range(4)]
+
+    def waited(sweep_seconds: float) -> float:
+        travel = Travel(TravelSettings(goal=(3.0, 0.0, 0.0)), Vehicle())
+        for tick in range(200):
+            at, number = pose(0.1 * tick), min(int(0.1 * tick / sweep_seconds), 3)
+            known = replace(moment(at, None, open_water()), profiles=[seen[number]])
+            if travel.propose(known).command.surge > 0.0:
+                return 0.1 * tick
+        return np.inf
+
+    assert waited(2.5) == pytest.approx(5.0)
+    assert 8.0 <= waited(1e9) < 9.0
+
+
 def test_what_may_move_is_kept_in_view_and_waited_for() -> None:
     """A thing seen once at the edge of the view: the bow comes round to it, and the vehicle does not go on until it is
     known."""
     thing = Mover(1, START, START, np.array([1.6, 1.1, 0.0]), np.zeros(3), 0.2, 1, 0.15)
-    travel = Travel(TravelSettings(goal=(3.0, 0.0, 0.0)), Vehicle())
+    travel = under_way()
     asked = travel.propose(moment(pose(0), None, open_water(), [thing]))
     assert asked.command.surge == 0.0 and asked.command.yaw > 0.0 and "does it move" in asked.reason
     later = travel.propose(moment(replace(pose(0), stamp_ns=START + 10**9), None, open_water()))
@@ -142,8 +167,7 @@ def test_what_moves_nearer_and_was_not_seen_lately_is_looked_for() -> None:
 
     def asked(seen_ns: int, velocity: tuple[float, float, float]) -> float:
         mover = Mover(1, seen_ns, START, np.array([0.3, 2.2, 0.0]), np.array(velocity), 0.2, 3, 0.01)
-        travel = Travel(TravelSettings(goal=(3.0, 0.0, 0.0)), Vehicle())
-        proposal = travel.propose(moment(at, mover, open_water()))
+        proposal = under_way().propose(moment(at, mover, open_water()))
         return proposal.command.yaw if "looking for it" in proposal.reason else 0.0
 
     assert asked(START, (0.0, -0.1, 0.0)) > 0.1

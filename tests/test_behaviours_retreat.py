@@ -129,6 +129,7 @@ def test_above_the_goal_where_nothing_returns_it_goes_down_and_at_its_height_it_
     """Out of sight of the ground nothing proves the water free: down, but never below where it is wanted anyway."""
     for height, expected in ((0.9, -0.1), (0.1, None)):
         volume, travel = space(), Travel(TravelSettings(goal=(3.0, 0.0, 0.0)), Vehicle())
+        travel.looked = True
         travel.propose(situation(volume, shown(volume, 0.0, height, True)))
         for begin in (2.0, 4.0, 6.0):
             got = travel.propose(situation(volume, shown(volume, begin, height, False)))
