@@ -112,7 +112,7 @@ class Escape:
         pose, space, now = situation.pose, situation.space, situation.pose.stamp_ns
         # What was seen in one pass only has no velocity yet: it is taken to come from where it is.
         rows = [
-            [*one.at(now), *one.velocity, one.radius, one.doubt * min((now - one.stamp_ns) * 1e-9, 4.0), one.doubt]
+            [*one.at(now), *one.velocity, one.radius, one.doubt * (now - one.stamp_ns) * 1e-9, one.doubt]
             for one in movers
         ]
         state = np.array([*pose.position, pose.heading, *pose.velocity, pose.rate[2]])
