@@ -126,10 +126,10 @@ def test_what_passes_by_is_left_alone() -> None:
 
 
 def test_the_longer_it_was_not_seen_the_wider_a_berth_it_is_given() -> None:
-    """What will pass at 0.85 m is left alone when it was seen just now; seen 15 s ago, its speed known to 2.5 cm/s, not."""
+    """What will pass at 0.75 m is left alone when it was seen just now; seen 15 s ago, its speed known to 2.5 cm/s, not."""
     speed, doubt = np.array([-0.1, 0.0, 0.0]), 0.025
     for seconds, escapes in ((0.0, False), (15.0, True)):
-        centre = np.array([2.0, 1.5, 0.0]) - seconds * speed
+        centre = np.array([2.0, 1.4, 0.0]) - seconds * speed
         mover = Mover(1, START - round(seconds * 1e9), START, centre, speed, 0.2, 3, doubt)
         asked = Escape(EscapeSettings(), Vehicle()).propose(moment(pose(0), mover, open_water()))
         assert (asked is not None) is escapes
