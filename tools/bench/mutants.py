@@ -54,7 +54,7 @@ MUTANTS = (
     ),
     Mutant(
         "leeway: no escape is ever needed", "behaviours/leeway.py",
-        "        if room.max() >= (", "        if room.max() >= -9.0 * (", "leeway",
+        "        if not dares and room.max() >= (", "        if not dares and room.max() >= -9.0 * (", "leeway",
     ),
     Mutant(
         "leeway: the water stands still in the rehearsal", "behaviours/leeway.py",
