@@ -46,9 +46,10 @@ class Escape:
 
     def propose(self, situation: Situation) -> tuple[Command, str, bool] | None:
         """What to do, why in words, and whether it leads into unseen water; None where nothing will come too near."""
+        dared, self._dares = self._dares, False
         movers = [one for one in situation.movers if self._matters(one, situation)]
         if not movers:
-            self._under_way = self._dares = False
+            self._under_way = False
             return None
         pose = situation.pose
         speed, rate = float(pose.velocity[0]), float(pose.rate[2])
@@ -60,11 +61,9 @@ class Escape:
             self._under_way = bool(going_on < self._settings.near)
             self._begun = None
         if not self._under_way:
-            self._dares = False
             return None
         ways = self._manoeuvres if self._begun is None else np.vstack([self._manoeuvres, self._rest(pose.stamp_ns)])
         best, gap = self._best(situation, movers, ways, dare=False)
-        dared, self._dares = self._dares, False
         if gap < (HOPEFUL if dared else HOPELESS):
             other, wider = self._best(situation, movers, ways, dare=True)
             if wider > gap + (0.0 if dared else BETTER):

@@ -68,9 +68,9 @@ class Leeway:
         if room.max() < HOPELESS and fastest < bold:
             bolder = self._escapes(current, bold)
             others = self._rehearse(command, bolder, pose, current, chart, shun_unseen)
-            dares = bool(self._room(others).max() > room.max() + BETTER)
-            if dares:
-                escapes, gaps, room = bolder, others, self._room(others)
+            wider = self._room(others)
+            if wider.max() > room.max() + BETTER:
+                escapes, gaps, room, dares = bolder, others, wider, True
         if not dares and room.max() >= (enough if self._begun >= 0 else self._settings.keep):
             self._begun = -1
             return None

@@ -111,17 +111,18 @@ class Pilot:
     def _safe(self, wanted: Command, winner: Proposal | None, situation: Situation) -> Filtered:
         """What safety makes of a command; and where the water would carry the hull against something, the way out."""
         pose, movers, troubles = situation.pose, situation.movers, situation.troubles
-        dares = winner is not None and winner.dares
-        shuns = not (winner is not None and (winner.faces or dares))
+        faces, dares = (winner.faces, winner.dares) if winner else (False, False)
         nearby = situation.nearby.hit() if dares else situation.nearby
         safe = self.safety.filter(wanted, pose, nearby, situation.corridor, movers, troubles)
         fresh = replace(situation.corridor, age=0.0)
         fastest, bold = (self.safety.speed_limit(view, troubles)[0] for view in (situation.corridor, fresh))
-        way_out = self.leeway.check(safe.command, pose, self.space, situation.current, fastest, bold, shuns)
+        way_out = self.leeway.check(
+            safe.command, pose, self.space, situation.current, fastest, bold, not (faces or dares)
+        )
         if way_out is None:
             return safe
-        command, why, dares = way_out
-        return self.safety.rehearsed(command, why, pose, fresh if dares else situation.corridor, movers, troubles)
+        command, why, faster = way_out
+        return self.safety.rehearsed(command, why, pose, fresh if faster else situation.corridor, movers, troubles)
 
     def _snapshot(self, now_ns: int) -> tuple[Floats, Floats] | None:
         """The volume, once a second."""

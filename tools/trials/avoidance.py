@@ -28,6 +28,7 @@ LONGEST = 200.0  # s
 REACHED = 0.5  # m from the goal
 GIVEN_UP = 30.0  # s in one place, after which a baseline is not flown on
 Controller = Literal["garbi", "omniscient", "none", "potential", "stop"]
+BLIND = ("omniscient", "none")  # look at nothing
 PILOTS: dict[str, type[Pilot]] = {
     "garbi": Pilot,
     "omniscient": Omniscient,
@@ -133,7 +134,7 @@ def fly(
 ) -> Flight:
     """Fly one trial: 5 % of the images lost, one dropout of 3 s, a current of up to 0.1 m/s, waves."""
     world, kind, goal = make_world(seed)
-    if controller in ("omniscient", "none"):
+    if controller in BLIND:
         level = "blind"
     scenario = water_of(seed, model)
     dive = world.make(scenario) if level == "images" else world.make_plain(scenario)

@@ -9,11 +9,10 @@ from dataclasses import fields
 from pathlib import Path
 from statistics import median
 
-from tools.trials.avoidance import KINDS, Outcome
+from tools.trials.avoidance import BLIND, KINDS, Outcome
 
 CONTROLLERS = ("garbi", "omniscient", "none", "potential", "stop")
 KEYS = ("trials", "collided", "avoidable", "unseen", "feasible")
-BLIND = ("omniscient", "none")  # look at nothing
 COLUMNS = [field.name for field in fields(Outcome)]
 TOLD = 2  # passes that show what moves, from which on it can be told that it does
 COLOURS = {"reached": "#4c9f70", "neither": "#d8d8d8", "unavoidable": "#e9b44c", "avoidable": "#c0392b"}
